@@ -97,3 +97,18 @@ def chromium(flags: Sequence[str] = FLAGS) -> Iterator[object]:
         browser = driver.chromium.launch(executable_path=path, headless=True, args=list(flags))
         yield browser
         browser.close()
+
+
+def watch_clipboard(page) -> None:
+    """Let `copied_text` wait for the next text that the page copies."""
+    page.evaluate(
+        "() => { window.copying = new Promise((done) => {"
+        " navigator.clipboard.writeText = async (text) => done(text); }); }"
+    )
+
+
+def copied_text(page) -> str:
+    """The text that the page copies, without opening a dialog."""
+    text = page.evaluate("() => window.copying")
+    assert page.query_selector("dialog[open]") is None
+    return text

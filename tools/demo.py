@@ -7,6 +7,8 @@ By default it uses scikit-image's gravel, with a light gradient and a stain adde
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -65,20 +67,9 @@ def main() -> None:
         photo = out / "photo.png"
         save(stained(gravel()), photo)
     tile = out / "tile.png"
-    command = [
-        sys.executable,
-        "-P",  # import nothing from the current folder
-        "-m",
-        "oiiotex",
-        "-v",
-        str(photo),
-        "--texstationarize:seed=7",
-        "-d",
-        "uint8",
-        "-o",
-        str(tile),
-    ]
-    print(" ".join(["oiiotex", *command[4:]]), flush=True)
+    program = os.path.relpath(Path(sys.executable).with_name("oiiotex"))  # works without activating the environment
+    command = [program, "-v", str(photo), "--texstationarize:seed=7", "-d", "uint8", "-o", str(tile)]
+    print(shlex.join(command), flush=True)
     if subprocess.run(command).returncode != 0:
         sys.exit(1)
     preview(tile, out / "preview_2x2.png")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..engine.core.access import Gather
-from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
+from ..engine.core.attributes import ESTIMATE
 from ..engine.core.demand import PIECE_PIXELS, cached
 from ..engine.core.image import Image, Part, channels_of, measure_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
@@ -19,7 +19,6 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 
 _HIGHEST = 1e12  # px, up or down: larger heights occlude no more, and squares of differences stay finite
-_RELIEF = 1 / 32  # of the longer side: height that a value of 1 stands for, unless given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +51,10 @@ class EstimateAO(Gather):
 
     def plan(self, facts: Facts) -> Plan:
         """The map, and the scale of its heights."""
+        from ..surfaces.capture.occlusion import relief_of  # not needed to parse the command line
+
         part = self.source.first
-        said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
-        said = said if 1e-6 <= said <= 1e6 else 0.0
-        scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
+        scale = self.relief or relief_of(part.spec)
         spec = tiled_spec(measure_spec(part.spec), self.tiled or tiling_of(part.spec))
         spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")
         return Plan({"ao": Part(part.name, spec, no_pixels)}, scale)

@@ -20,6 +20,12 @@ from ..engine.deferred import np
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 
+_LEAST_SKEWNESS = 0.1  # rendered reliefs: -.23 to -.12 if matte, .24 to 2.4 with highlights
+_NO_HIGHLIGHTS = (
+    "the photo shows no highlights (skewness of its fine detail %.2f): the map tells nothing about roughness; use a"
+    " constant, or a photo in hard light"
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRoughness(ScanThenMap):
@@ -28,8 +34,8 @@ class EstimateRoughness(ScanThenMap):
     Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
     finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
     photo become smoother than `middle`, places with less become rougher, by at most `spread`. The estimate is weak
-    (its page has figures): fine paint appears smooth, and a photo under an overcast sky contains almost no
-    information. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
+    (its page has figures), and fine paint appears smooth. Without highlights, as under an overcast sky, nothing can be
+    estimated: a warning says so. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
     """
 
     example: ClassVar[str] = '>>> roughness = filters.estimateroughness("photo.png", middle=0.5)'
@@ -62,13 +68,21 @@ class EstimateRoughness(ScanThenMap):
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The map."""
         from ..analysis.drift.drift_field import drift_of
-        from ..surfaces.capture.fine_detail import fine_detail  # not needed to parse the command line
+        from ..surfaces.capture.fine_detail import (
+            fine_detail,
+            skewness,
+            without_sign,
+        )  # not needed to parse the command line
 
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
         tiling = self.tiled or tiling_of(part.spec)
-        fine = Image((fine_detail(part, lens, tiling),), self.source.source)
+        detail = fine_detail(part, lens, tiling)
+        skewed = skewness(detail)
+        if skewed < _LEAST_SKEWNESS:
+            self.warn(_NO_HIGHLIGHTS, skewed)
+        fine = Image((without_sign(detail),), self.source.source)
         plain = Lens(fine.source, channels_of(fine.first.spec))
         wraps = "y" in tiling, "x" in tiling
         drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, wraps, robust=False)

@@ -64,6 +64,21 @@ def test_every_how_to_is_in_the_table_by_problem():
     assert {page.name for page in folder.glob("*.md")} - {"index.md"} == listed
 
 
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("watermark", "how-to/keep-or-remove-objects.md"), ("inpaint", "how-to/keep-or-remove-objects.md"),
+        ("upscale", "how-to/large-images.md"), ("delight", "how-to/stains-and-gradients.md"),
+        ("seamless", "how-to/blobs-and-repetition.md"), ("Substance", "explanation/comparison.md"),
+        ("offline", "start/install.md"), ("uninstall", "start/install.md"),
+        ("rectangle", "how-to/keep-or-remove-objects.md"),
+    ],
+)  # fmt: skip
+def test_search_finds_the_words_of_users(word, page):
+    """The site's search indexes the text of all pages that are not excluded (tools/docs/site.py)."""
+    assert re.search(rf"\b{word}\b", prose(DOCS / page), re.IGNORECASE)
+
+
 def test_every_picture_that_a_page_shows_is_described():
     bare = {name(page) for page in DOCS.rglob("*.md") if re.search(r"!\[\s*\]\(", page.read_text())}
     assert bare == set()

@@ -203,6 +203,8 @@ def test_the_docs_page_is_made_from_the_declaration(op):
 
 
 def test_the_page_of_the_chain_is_made_from_the_declarations():
-    from tools.docs.pages import language_text
+    from tools.docs.pages import FOLDER, SHARED, language_text, shared_text
+
+    assert (FOLDER / "filters" / SHARED).read_text() == shared_text(), "run make docs"
 
     assert (ROOT / "docs" / "reference" / "chain.md").read_text() == language_text(), "run make docs"

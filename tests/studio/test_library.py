@@ -127,7 +127,7 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
     for told, count in (("", 0), ("height_m = 0.02\n", 1)):
         library = tmp_path / f"library{count}"
         brought_in(photos, library, recipe(f"[find]\n{told}{LINE}[deliver]\nusd = true\n"))
-        (document,), (stage,) = library.glob("assets/wall/*/*.mtlx"), library.glob("assets/wall/*/*.usda")
+        (document,), (stage,) = library.glob("assets/wall/*/wall.mtlx"), library.glob("assets/wall/*/*.usda")
         own = document.read_text()
         assert own.count('<displacement name="displacement_wall" type="displacementshader">') == count
         assert own.count('name="scale" type="float" value="0.02"') == 2 * count  # and of the hex-tiled material
@@ -135,6 +135,17 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
         assert stage.read_text().count("float4 inputs:scale = (0.02, 0.02, 0.02, 1)") == count
         with Catalog(library) as catalog:
             assert list(check(catalog)) == []
+
+
+def test_normals_that_are_short_in_the_scan_are_no_fault_of_the_tile(photos, tmp_path, here):
+    path = photos / "scans/wall_nor_gl_1k.png"
+    save(0.5 + 0.7 * (load(path) / 255 - 0.5), path)  # of length 0.7
+    (photos / "scans/wall_rough_1k.png").unlink()  # the normals are on top of the stack
+    for line, low, high in ((LINE, 0, 0.01), (LINE.replace("$maps", "$maps --mulc 0.6"), 0.1, 1)):
+        library = tmp_path / f"library{low}"
+        brought_in(photos, library, recipe(line))
+        with Catalog(library) as catalog:
+            assert low <= catalog.measures()["wall"]["normal_length"] <= high
 
 
 def test_normals_without_a_convention_are_measured_and_asked_for_if_they_do_not_tell(tmp_path, here):

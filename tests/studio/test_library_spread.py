@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 
 from oiiotex_studio.library import asset as making
@@ -12,8 +13,10 @@ from oiiotex_studio.library import catalog as catalogs
 from oiiotex_studio.library import ingest, runs
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.steps import StepFile, read_step, step_path
 from oiiotex_studio.library.upkeep import check
 
+from oiiotex.oiiotool.cli.running.progress import Display
 from tests import pictures as drawn
 from tests.conftest import save
 from tests.library_makings import LINE, brought_in, recipe, touched
@@ -96,3 +99,58 @@ def test_what_is_short_of_memory_is_tried_alone_with_all_of_it(photos, tmp_path,
     _, said = brought_in(photos, tmp_path / "library", recipe(), workers=2, budget=1 << 30)
     assert seen == [(2, 1 << 29)] * 2 + [(1, 1 << 30)] * 2
     assert said == ["2 to make (gravel, wall), 0 unchanged", "gravel: failed: x", "wall: failed: x"]
+
+
+def reports_and_waits(job: making.AssetJob) -> making.Outcome:
+    """What a worker does that is half done, until its run has seen it."""
+    step = StepFile(job.work)
+    step.advance(1, 2)
+    step.begin("tile")
+    while not (Path(job.photos).parent / "seen").exists():
+        time.sleep(0.01)
+    return making.Outcome(job.material.name, None, "made")
+
+
+class Noted(Display):
+    """A display that keeps what it is told of."""
+
+    def __init__(self, seen: Path):
+        super().__init__(terminal=False)
+        self.noted, self.seen = set[tuple[str, float]](), seen
+
+    def note(self, text: str) -> None:
+        super().note(text)
+        self.noted.add((text, self._done / self._total))
+        if "tile" in text:
+            self.seen.touch()
+
+
+def test_a_run_shows_the_step_of_an_asset_in_the_making_in_another_process(photos, tmp_path, monkeypatch):
+    monkeypatch.setattr(ingest, "make", reports_and_waits)
+    display, settings = Noted(tmp_path / "seen"), ingest.IngestSettings(workers=1)
+    ingest.ingest(photos, tmp_path / "library", recipe(), settings, lambda text: None, display)
+    assert ("gravel, tile", 0.25) in display.noted  # half of the first of two
+    assert display.noted >= {("", 0.0), ("", 0.5), ("", 1.0)}
+
+
+def test_an_asset_reports_its_lines_their_ops_and_its_delivery(photos, tmp_path, here, monkeypatch):
+    told = []
+
+    class Recorded(StepFile):
+        def _write(self) -> None:
+            super()._write()
+            told.append(read_step(self._path))
+
+    monkeypatch.setattr(making, "StepFile", Recorded)
+    monkeypatch.setattr("oiiotex_studio.library.steps._TICK", 0)
+    brought_in(photos, tmp_path / "library", recipe(LINE.replace("$maps", "$maps --median 3x3")))
+    shares, steps = zip(*told[: 1 + [step for _, step in told].index("pictures")], strict=True)
+    assert list(shares) == sorted(shares) and shares[0] == 0 and 0.9 < shares[-1] < 1
+    assert {"tile", "tile --median", "tile write", "measures and documents", "pictures"} <= set(steps)
+
+
+def test_an_asset_that_cannot_report_its_step_is_made_all_the_same(photos, tmp_path, here, monkeypatch):
+    monkeypatch.setattr("oiiotex_studio.library.steps._FOLDER", "lock/steps")  # below a file
+    tally, _ = brought_in(photos, tmp_path / "library", recipe())
+    assert tally.counts == {"ok": 2}
+    assert read_step(step_path(str(tmp_path / "assets/none"))) == (0.0, "")

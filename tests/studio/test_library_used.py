@@ -21,6 +21,7 @@ from oiiotex_studio.library.upkeep import check, orphans
 
 from oiiotex.engine import errors
 from oiiotex.engine.errors import ParameterError
+from tests.browser import chromium
 from tests.conftest import load
 from tests.library_makings import LINE, brought_in, recipe
 from tests.library_makings import here as here
@@ -202,3 +203,21 @@ def test_the_reports_columns_sort_in_a_browser(tmp_path):
             [*command, (tmp_path / "clicked.html").as_uri()], capture_output=True, text=True, timeout=100
         )
         assert "".join(re.findall(r'<tr><td data-v="(\w)"', done.stdout)) == order
+
+
+@pytest.mark.parametrize("width", [800, 1280, 1920])
+def test_the_reports_heads_stand_over_their_columns(tmp_path, width):
+    with Catalog(tmp_path, create=True) as catalog:
+        reasons = ("repeat>3: 3.42; " * 4).strip()
+        for name in ("a", "mossy_rock_with_a_long_name"):
+            catalog.put(catalogs.Asset(name, "k", "review", "", (reasons,)), (), {"seam": 1.2, "repeat": 3.42})
+        page_file = write_report(catalog, "aligned")
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": width, "height": 700})
+        page.goto(page_file.as_uri())
+        sides = """row => [...row.cells].map(cell => {
+          const box = cell.getBoundingClientRect();
+          return [box.left, box.right, getComputedStyle(cell).textAlign];
+        })"""
+        head, *rows = (row.evaluate(sides) for row in page.query_selector_all("tr"))
+    assert rows == [head, head]

@@ -23,7 +23,7 @@ pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex-
 from oiiotex.engine.color.config import ColorConfig, as_float
 from oiiotex.engine.color.display import shown_by, usual_view, views
 from tests import pictures
-from tests.browser import Served, chromium, end_resident, resident_pid
+from tests.browser import Served, chromium, copied_text, end_resident, resident_pid, watch_clipboard
 from tests.conftest import load, oiiotex, save
 from tests.faults import wait_for
 
@@ -107,12 +107,10 @@ def pixels_of(page, name: str) -> np.ndarray:
 
 
 def copied_line(page) -> list[str]:
-    """The words of the line that the button copies."""
+    """The words of the line that the button copies, without a dialog."""
+    watch_clipboard(page)
     page.click("#copy")
-    page.wait_for_selector("#line-dialog[open]")
-    line = page.input_value("#line")
-    page.click("#line-dialog button")
-    return shlex.split(line)
+    return shlex.split(copied_text(page))
 
 
 def shown_of(words: list[str], folder: Path, space: str) -> np.ndarray:
@@ -391,9 +389,9 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
         assert any(":jitter=0.3" in word for word in copied_line(page))
         for keys in ("k", "PageDown", "PageDown", "k"):
             page.keyboard.press(keys)
+        watch_clipboard(page)
         page.keyboard.press("p")
-        page.wait_for_selector("#line-dialog[open]")
-        words = shlex.split(page.input_value("#line"))
+        words = shlex.split(copied_text(page))
         assert words[3:5] == ["--frames", "1-96"] and "speed=0.021052632" in words[5], words
     finally:
         page.close()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oiiotex_studio.materials.preview import Looks, _bilinear
+from oiiotex_studio.materials.preview import Looks, bilinear
 
 from oiiotex.engine.color.srgb import encoded
 from oiiotex.oiiotool.service.client import Client
@@ -139,7 +139,7 @@ def compare_lit(page, saved: dict[str, np.ndarray]) -> None:
     expected = np.zeros_like(seen)
     for at in np.ndindex(*seen.shape[:2]):
         u, v = (places[at] * [1, -1] * max(height, width) / [width, height] + 0.5)[:, None]
-        color = looks._lit(u, v, _bilinear(normal, u, v), tuple(-rays[at]))
+        color = looks.seen(u, v, bilinear(normal, u, v), tuple(-rays[at]))
         expected[at] = 255 * encoded(color)[0]
     assert np.abs((seen - expected).mean((0, 1))).max() < 1 and np.median(np.abs(seen - expected)) < 1  # of 255
 

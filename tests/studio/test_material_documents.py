@@ -7,10 +7,11 @@ import re
 
 import numpy as np
 import pytest
-from oiiotex_studio.materials import documents, shaded, wang_documents
+from oiiotex_studio.materials import blender_catalogs, documents, shaded, wang_documents
 from oiiotex_studio.materials import preview as pictures
 
 from oiiotex.engine import errors
+from oiiotex.surfaces.charts import lighting
 from tests import pictures as drawn
 
 
@@ -23,10 +24,13 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
         (tmp_path / file).touch()
     described = documents.Described("a b", maps, "lin_rec709_scene", "directx", lattice=False)
     documents.write_materialx(described, tmp_path)
-    assert documents.materialx_faults(tmp_path / "a b.mtlx") == []
-    document = mx.createDocument()
-    mx.readFromXmlFile(document, str(tmp_path / "a b.mtlx"))
-    assert [m.getName() for m in document.getMaterialNodes()] == ["a_b", "a_b_hextiled"]
+    for name, category in (("a b", "open_pbr_surface"), ("a b_standard", "standard_surface")):
+        assert documents.materialx_faults(tmp_path / f"{name}.mtlx") == []
+        document = mx.createDocument()
+        mx.readFromXmlFile(document, str(tmp_path / f"{name}.mtlx"))
+        assert [m.getName() for m in document.getMaterialNodes()] == ["a_b", "a_b_hextiled"]
+        for surface in document.getNodes(category):  # all roles but ao and height, which a surface has no inputs for
+            assert len([one for one in surface.getInputs() if one.getOutputString()]) == len(roles) - 2
     (tmp_path / "tile/ao.exr").unlink()
     assert "ao.exr is missing" in documents.materialx_faults(tmp_path / "a b.mtlx")[0]
     text = (tmp_path / "a b.mtlx").read_bytes()
@@ -66,15 +70,15 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
 
 
 def test_blenders_catalogs_have_ids_that_stay():
-    text = documents.blender_catalog(["Materials/ground", "Materials"])
+    text = blender_catalogs.blender_catalog(["Materials/ground", "Materials"])
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert lines[0] == "VERSION 1"
     shape = re.compile(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)")
     assert len(lines) == 3 and all(map(shape.fullmatch, lines[1:]))
-    assert text == documents.blender_catalog(["Materials", "Materials/ground"])
+    assert text == blender_catalogs.blender_catalog(["Materials", "Materials/ground"])
     renamed = lines[1].replace("Materials:Materials", "Stuff:Stuff")
     there = f"# mine\nVERSION 1\n{renamed}\n{lines[2]}\n{'0' * 36}:Own:Own\n"
-    kept = documents.blender_catalog(["Materials", "Materials/wood"], there)
+    kept = blender_catalogs.blender_catalog(["Materials", "Materials/wood"], there)
     assert [line.split(":")[1] for line in kept.splitlines()[3:]] == ["Stuff", "Materials/wood", "Own"]
 
 
@@ -102,7 +106,7 @@ def looks(normal: tuple[float, float, float], color: float = 0.4, **maps: float)
 
 
 def test_light_comes_from_the_upper_left():
-    ball = looks((0, 0, 1)).sphere(64)
+    ball = looks((0, 0, 1)).sphere(64, 0, 64)[..., :3]
     assert ball[16, 16].mean() > 2 * ball[48, 48].mean()
     leaning = {side: looks((dx, dy, 1)).plane(64)[48].mean() for side, dx, dy in
                (("left", -0.4, 0), ("right", 0.4, 0), ("up", 0, 0.4), ("down", 0, -0.4))}  # fmt: skip
@@ -111,15 +115,15 @@ def test_light_comes_from_the_upper_left():
 
 def test_a_white_furnace_gives_no_more_than_it_gets(monkeypatch):
     """Diffuse light alone, from all around, on white: what comes back is what there is."""
-    monkeypatch.setattr(pictures, "LIGHTS", ())
-    monkeypatch.setattr(pictures, "SKY", 1.0)
-    monkeypatch.setattr(pictures, "GROUND", 1.0)
-    ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64)
+    monkeypatch.setattr(lighting, "LIGHTS", ())
+    monkeypatch.setattr(lighting, "SKY", 1.0)
+    monkeypatch.setattr(lighting, "GROUND", 1.0)
+    ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64, 0, 64)
     np.testing.assert_allclose(ball[24:40, 24:40], 1, atol=1e-5)
 
 
 def test_rough_metal_is_duller_than_smooth():
-    smooth, rough = (looks((0, 0, 1), metal=1.0, roughness=r).sphere(96).max() for r in (0.2, 0.9))
+    smooth, rough = (looks((0, 0, 1), metal=1.0, roughness=r).sphere(96, 0, 96).max() for r in (0.2, 0.9))
     assert smooth > 2 * rough
 
 
@@ -130,7 +134,8 @@ def test_a_photo_alone_is_as_rough_in_documents_as_in_previews(tmp_path):
     documents.write_materialx(described, tmp_path)
     documents.write_usd(described, tmp_path)
     wang = wang_documents.WangMaterial("moss", described.maps, "index.png", 4, "lin_rec709_scene", "", (1, 1), 0)
-    for path in (tmp_path / "moss.mtlx", *wang_documents.write_wang_materialx(wang, tmp_path / "wang.mtlx")):
+    plain = [tmp_path / "moss.mtlx", tmp_path / "moss_standard.mtlx"]
+    for path in (*plain, *wang_documents.write_wang_materialx(wang, tmp_path / "wang.mtlx")):
         if path.suffix == ".mtlx":
             assert re.search(r'name="(specular_roughness|bg)" type="float" value="0\.7"', path.read_text()), path.name
     assert "float inputs:roughness = 0.7" in (tmp_path / "moss.usda").read_text()

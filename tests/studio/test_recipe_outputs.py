@@ -14,7 +14,7 @@ import numpy as np
 import oiiotex_studio
 import OpenImageIO as oiio
 import pytest
-from oiiotex_studio.library.asset import run_line
+from oiiotex_studio.library.steps import run_line
 from oiiotex_studio.recipes.lines import ProductStep, require_confined, require_lines
 
 import oiiotex

@@ -18,7 +18,13 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from oiiotex_studio.library.commands import run
-from oiiotex_studio.materials.documents import loaded_libraries, materialx_faults, usd_faults
+from oiiotex_studio.materials.documents import (
+    Described,
+    loaded_libraries,
+    materialx_faults,
+    usd_faults,
+    write_materialx,
+)
 
 from oiiotex.engine import errors
 from oiiotex.engine.core.window import Window
@@ -137,6 +143,20 @@ def test_documents_generate_every_language(folder, tmp_path, target, name):
     assert sources[0].count("textureGrad(") >= 3 * own
     calls = [line for line in sources[0].splitlines() if "    oiiotex_image_" in line and line.endswith(";")]
     assert len(calls) == (len(ROLES) if own else 0)
+    if GLSLANG and target in RASTER:
+        vulkan = ["-V", "--auto-map-locations", "--auto-map-bindings", "-o", "/dev/null"]
+        for text, stage in zip(sources, ("frag", "vert"), strict=False):
+            assert compiled(text, stage, tmp_path, *(vulkan if target in ("vulkan", "wgsl") else [])) == ""
+
+
+@pytest.mark.parametrize("target", [*RASTER, "osl", "mdl", "msl", "slang"])
+@pytest.mark.parametrize("name", ["plain", "plain_standard"])
+def test_documents_of_one_tile_generate_every_language(tmp_path, target, name):
+    maps = {role: f"{role}.exr" for role in ("color", "normal", "roughness", "metal", "opacity", "emission")}
+    write_materialx(Described("plain", maps, "lin_rec709_scene", "directx", lattice=False), tmp_path)
+    sources = generated(tmp_path / f"{name}.mtlx", target)
+    images = [f"{role}_image_file" for role in maps]
+    assert target == "mdl" or all(image in sources[0] for image in images)  # MDL names its own textures
     if GLSLANG and target in RASTER:
         vulkan = ["-V", "--auto-map-locations", "--auto-map-bindings", "-o", "/dev/null"]
         for text, stage in zip(sources, ("frag", "vert"), strict=False):

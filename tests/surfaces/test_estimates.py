@@ -8,12 +8,16 @@ import functools
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import convolve1d, gaussian_filter
+from scipy.stats import skew
 
 from oiiotex import filters
 from oiiotex.engine import errors
+from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.core.attributes import ESTIMATE, HEIGHT_PX
+from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.session import Session
+from oiiotex.surfaces.capture.fine_detail import fine_detail, skewness
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
@@ -245,6 +249,27 @@ def test_roughness_goes_with_what_was_rendered(relief, least):
         photo = reliefs.glossy(RELIEFS[relief], roughness, 135)
         found.append(correlation(pixels(filters.estimateroughness(gray(photo), sigma=12.0))[..., 0], roughness))
     assert np.mean(found) > least
+
+
+@pytest.mark.parametrize("relief", list(RELIEFS))
+def test_roughness_of_a_photo_without_highlights_is_warned_about(relief, caplog):
+    """Matte under the same light, or with highlights as before: the finest detail is skewed by them alone."""
+    filters.estimateroughness(gray(reliefs.lit(RELIEFS[relief], 135)))
+    assert "the photo shows no highlights (skewness of its fine detail -0." in caplog.text
+    caplog.clear()
+    for seed in (1, 2, 3):
+        roughness = 0.2 + 0.6 * pictures.smooth_noise(SIDE, SIDE, 64, seed)
+        filters.estimateroughness(gray(reliefs.glossy(RELIEFS[relief], roughness, 135)))
+    assert "highlights" not in caplog.text
+
+
+def test_skewness_is_that_of_the_differences_from_the_surroundings():
+    photo = np.random.default_rng(5).gamma(2.0, 0.1, (61, 83))
+    taps = np.array([1, 4, 6, 4, 1]) / 16
+    around = convolve1d(convolve1d(photo, taps, 0, mode="wrap"), taps, 1, mode="wrap")
+    image = from_buffer(buffer(np.repeat(photo[..., None], 3, 2), space="lin_rec709_scene"))
+    lens = lens_of(image, Session().resources)
+    assert skewness(fine_detail(image.first, lens, "xy")) == pytest.approx(skew((photo - around).ravel()), abs=0.01)
 
 
 def test_roughness_is_the_middle_where_nothing_is_to_be_seen():

@@ -8,7 +8,9 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine import errors
+from oiiotex.engine.color.srgb import decoded, encoded
 from oiiotex.engine.session import Session
+from oiiotex.surfaces.charts import lighting
 from oiiotex.surfaces.charts.tile_preview import area_means, made_seamless, plane_in_perspective, repeated
 from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tests import pictures
@@ -71,7 +73,7 @@ def test_panels_stand_side_by_side_in_the_order_asked_for():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"panels": ["4x4"]}, "panels=..4x4.,.: expected exemplar, seamless, 2x2, 3x3, plane"),
+        ({"panels": ["4x4"]}, "panels=..4x4.,.: expected exemplar, seamless, 2x2, 3x3, plane, lit, sphere"),
         ({"panels": ["2x2", "seamless"]}, "panels=.*: seamless requires exemplar"),
         ({"exemplar": TILE[..., :1]}, "exemplar has 1 channels, but the tile has 3"),
     ],
@@ -93,3 +95,66 @@ def test_on_the_command_line(tmp_path):
     done = oiiotex("tile.png", "--texpreview:exemplar=photo.png:panel=32", "-o", "seen.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert load(tmp_path / "seen.png").shape[0] == 32
+
+
+GRAY = np.full((32, 32, 3), 0.5, np.float32)
+NORMALS = np.dstack([np.full((32, 32), x, np.float32) for x in (0.3, 0.5, 0.95)])  # leaning to the left
+
+
+def lit(color: np.ndarray, *maps: np.ndarray, **modifiers: object) -> np.ndarray:
+    given = [buffer(one) for one in maps]
+    return pixels(filters.preview(buffer(color), maps=given, panel=32, **{"panels": ["lit"], **modifiers}))
+
+
+def test_a_lit_panel_is_the_shading_of_the_maps():
+    """Against the equation for one place, because constant maps are lit alike everywhere."""
+    rough, metal = np.full((32, 32, 1), 0.4, np.float32), np.full((32, 32, 1), 0.25, np.float32)
+    seen = lit(GRAY, NORMALS, rough, metal, kinds=["color", "normal", "data", "data"])
+    texels = [np.float32(one).reshape(1, 1, -1) for one in (decoded(0.5 * np.ones(3)), 1, 0.4, 0.25, 1)]
+    normal = 2 * NORMALS[:1, :1] - 1
+    normal /= np.linalg.norm(normal)
+    material = lighting.LitMaterial(texels[0], normal, *texels[2:])
+    radiance = material.seen(np.zeros((1, 1)), np.zeros((1, 1)), normal, (0.0, 0.0, 1.0))
+    np.testing.assert_allclose(seen, np.broadcast_to(encoded(radiance), seen.shape), atol=2e-3)
+
+
+def test_light_comes_from_the_upper_left_in_both_conventions():
+    left, right = (lit(GRAY, NORMALS * [[[s, 1, 1]]] + [[[t, 0, 0]]], kinds=["color", "normal"]).mean() for s, t in
+                   ((1, 0), (-1, 1)))  # fmt: skip
+    assert left > 1.1 * right
+    up = NORMALS[..., [1, 0, 2]] * [[[1, -1, 1]]] + [[[0, 1, 0]]]
+    opengl, directx = (lit(GRAY, up, kinds=["color", "normal"], normals=n).mean() for n in ("opengl", "directx"))
+    assert opengl > 1.1 * directx
+
+
+def test_heights_replace_normals_and_occlude_the_sky():
+    x = np.arange(32) / 32
+    heights = np.broadcast_to(0.5 + 0.5 * np.cos(2 * np.pi * x), (32, 32))[..., None].astype(np.float32)
+    seen = lit(GRAY, 8 * heights, kinds=["color", "height"])[..., 1].mean(0)
+    assert seen[24:30].mean() > 1.1 * seen[2:8].mean()  # the slope that faces the light
+    pit = np.ones((32, 32, 1), np.float32)
+    pit[8:24, 8:24] = 0
+    flat = np.dstack([np.full((32, 32), x, np.float32) for x in (0.5, 0.5, 1.0)])
+    dark = lit(GRAY, flat, 8 * pit, kinds=["color", "normal", "height"])[..., 1]
+    assert dark[16, 9] < 0.95 * dark[2, 2]
+
+
+def test_a_sphere_covers_its_picture_in_part():
+    tile = np.concatenate([GRAY, np.ones((32, 32, 1), np.float32)], axis=2)
+    seen = lit(tile, panels=["sphere"])
+    assert seen.shape == (32, 32, 4) and seen[0, 0, 3] == 0 and seen[16, 16, 3] == 1
+    assert 0 < np.unique(seen[..., 3])[1] < 1  # its outline
+    np.testing.assert_allclose(seen[..., 3].mean(), np.pi / 4 / 1.05**2, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("maps", "kinds", "said"),
+    [
+        ([NORMALS], ["normal", "color"], "is not a color map: panels=lit requires one"),
+        ([NORMALS, NORMALS], ["color", "normal", "normal"], "at most one color, normal and height, and two data"),
+        ([NORMALS[..., :1]], ["color", "normal"], "a normal map has 1 channels: expected 3"),
+    ],
+)
+def test_maps_that_cannot_be_lit_are_refused(maps, kinds, said):
+    with pytest.raises(errors.Error, match=said):
+        lit(GRAY, *maps, kinds=kinds)

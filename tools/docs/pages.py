@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Docs pages and the stub from the filters' declarations: `python -m tools.docs.pages`.
 
-A page is the declaration, followed by the hand-written text below the line `<!-- by hand -->`.
+A page is the declaration, followed by the hand-written text below the line `<!-- by hand -->`. Modifiers that several
+filters declare alike have one page for all.
 """
 
 from __future__ import annotations
 
-import inspect
+import collections
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.op import Op, Output
 from oiiotex.engine.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
 from oiiotex.oiiotool.cli.language.parse import Option
@@ -20,6 +22,8 @@ from tools.docs import notebook, stubs
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
+SHARED = "shared_modifiers.md"  # next to the filters' pages
+_ALIKE = 3  # filters that declare a modifier alike, from which on it is described once
 
 
 def page_text(op: type[Op], path: Path) -> str:
@@ -36,16 +40,71 @@ def page_text(op: type[Op], path: Path) -> str:
     if further is not None:
         lines.append(f"| {further.name} | {further.help} One for each further value of {further.count}. |")
     lines.append("")
-    lines += _table([p for p in op.modifiers() if not p.advanced], say)
-    advanced = _table([p for p in op.modifiers() if p.advanced], say)
+    own = [p for p in op.modifiers() if not _is_shared(p)]
+    lines += _table([p for p in own if not p.advanced], say)
+    if alike := [f"[`{p.name}`]({SHARED})" for p in op.modifiers() if _is_shared(p)]:
+        lines += [f"Also: {', '.join(alike)}.", ""]
+    advanced = _table([p for p in own if p.advanced], say)
     if advanced:
-        lines += ['<details markdown="1">', "<summary>Advanced modifiers</summary>", "", *advanced, "</details>", ""]
-    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {say(o.text)} |" for o in op.outputs), ""]
+        heading = ['<details markdown="1">', "<summary>Advanced modifiers</summary>", ""]
+        lines += [
+            *heading,
+            *(line for line in advanced if line not in lines or not line.startswith("*image*")),
+            "</details>",
+            "",
+        ]
+    lines += _outputs([o for o in op.outputs if o.text not in _shared_outputs()], say)
     lines += [
-        f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
+        f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}`.",
         "",
     ]
     return "\n".join(lines) + f"\n{MARK}{_by_hand(path)}"
+
+
+def shared_text() -> str:
+    """The page of the modifiers that several filters declare alike."""
+    shared = {_looks(p): p for op in OURS for p in op.modifiers() if _is_shared(p)}
+    modifiers = sorted(shared.values(), key=lambda p: p.name)
+    lines = [
+        "# Shared modifiers",
+        "",
+        "Modifiers that several filters have. `oiiotex --help :NAME` lists the filters of one.",
+        "",
+    ]
+    return "\n".join([*lines, *_table(modifiers, str), *_outputs(list(_shared_outputs().values()), str)])
+
+
+def _outputs(outputs: Sequence[Output], say: Callable[[str], str]) -> list[str]:
+    """A table of outputs."""
+    rows = [f"| {o.name} | {say(o.text)} |" for o in outputs]
+    return ["| output | |", "|---|---|", *rows, ""] if rows else []
+
+
+def _looks(parameter: Parameter) -> tuple[str, ...]:
+    """What a page says of a modifier."""
+    p = parameter
+    return p.name, p.help, p.allowed(), p.default_text, p.sample or ""
+
+
+@functools.cache
+def _shared() -> set[tuple[str, ...]]:
+    """What the page of shared modifiers says: one meaning for each name."""
+    counts = collections.Counter(_looks(p) for op in OURS for p in op.modifiers())
+    alike = [looks for looks, count in counts.items() if count >= _ALIKE]
+    names = collections.Counter(looks[0] for looks in alike)
+    return {looks for looks in alike if names[looks[0]] == 1}
+
+
+@functools.cache
+def _shared_outputs() -> dict[str, Output]:
+    """Outputs that shared modifiers request, by their text."""
+    counts = collections.Counter(o.text for op in OURS for o in op.outputs)
+    names = {looks[0] for looks in _shared()}
+    return {o.text: o for op in OURS for o in op.outputs if o.asked_by in names and counts[o.text] >= _ALIKE}
+
+
+def _is_shared(parameter: Parameter) -> bool:
+    return _looks(parameter) in _shared()
 
 
 def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
@@ -60,13 +119,6 @@ def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[st
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     heading = ["| modifier | description | values | default | example |", "|---|---|---|---|---|"]
     return [*heading, *rows, "", *([notes, ""] if notes else [])] if rows else []
-
-
-def _call(op: type[Op]) -> str:
-    from oiiotex import filters
-
-    parameters = inspect.signature(getattr(filters, op.name)).parameters.values()
-    return "(" + ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default!r}" for p in parameters) + ")"
 
 
 def _by_hand(path: Path) -> str:
@@ -102,6 +154,7 @@ def _option_row(option: Option) -> str:
 def main() -> None:
     """Write all pages."""
     (FOLDER / "chain.md").write_text(language_text())
+    (FOLDER / "filters" / SHARED).write_text(shared_text())
     for op in OURS:  # not of packages that happen to be installed
         path = FOLDER / "filters" / f"tex{op.name}.md"
         path.write_text(page_text(op, path))

@@ -47,10 +47,15 @@ def _groups(index: Path, folder: str) -> list[Any]:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """The page's text, with links that leave docs/ shown as text; a how-to is found before the reference."""
+    """The page's text, with links that leave docs/ shown as text.
+
+    Search finds a how-to before the reference, and no papers for councils.
+    """
     folder = os.path.dirname(page.file.src_uri)
     if folder == "how-to":
         page.meta["search"] = {"boost": 3}
+    if folder == "upstream" or page.file.src_uri == "explanation/openssf.md":  # for councils and maintainers
+        page.meta["search"] = {"exclude": True}
 
     def shown(link: re.Match[str]) -> str:
         text, target = link.groups()

@@ -7,13 +7,21 @@ import math
 
 from ...engine.color.config import as_float
 from ...engine.color.lens import count_broken
+from ...engine.core.attributes import HEIGHT_PX
 from ...engine.core.image import Part
 from ...engine.core.window import Window
-from ...engine.deferred import np
+from ...engine.deferred import np, oiio
 from ...engine.errors import BrokenValues
 
 SLICES = 8  # half the number of directions
 _STEPS = 12  # samples along each direction, denser near the center
+_RELIEF = 1 / 32  # of the longer side: height that a value of 1 stands for, unless given
+
+
+def relief_of(spec: oiio.ImageSpec) -> float:
+    """The height, in px, that a value of 1 of a height map stands for: its attribute, else a guess by its size."""
+    said = spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
+    return said if 1e-6 <= said <= 1e6 else max(spec.width, spec.height) * _RELIEF
 
 
 def heights_around(

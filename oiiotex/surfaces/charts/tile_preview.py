@@ -163,7 +163,7 @@ def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memor
         means /= np.diff(down[first : last + 1])[:, None, None]
         return area_means(means.swapaxes(0, 1), right[:-1], right[1:]).swapaxes(0, 1)
 
-    return PreviewPanel(width, _black_below(height, _few_at_once(rows, size[0] * channels)), integrals)
+    return PreviewPanel(width, _black_below(height, few_at_once(rows, size[0] * channels)), integrals)
 
 
 def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> PreviewPanel:
@@ -183,7 +183,7 @@ def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memo
                 picture[horizon + y - first] = area_means(mean, borders[:-1], borders[1:])
         return picture
 
-    return PreviewPanel(width, _few_at_once(rows, size[0] * channels), integrals)
+    return PreviewPanel(width, few_at_once(rows, size[0] * channels), integrals)
 
 
 def reduced(photo: Part, height: int) -> PreviewPanel:
@@ -216,7 +216,7 @@ def reduced(photo: Part, height: int) -> PreviewPanel:
         return np.concatenate([cell(window) for window in cells], 1)
 
     return PreviewPanel(
-        width, _black_below(height, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
+        width, _black_below(height, few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
     )
 
 
@@ -244,7 +244,7 @@ def look_through(tile: Part, panels: Iterable[PreviewPanel], name: str, seamless
         raise BrokenValues(name, broken)
 
 
-def _few_at_once(rows: RowMaker, values: int) -> RowMaker:
+def few_at_once(rows: RowMaker, values: int) -> RowMaker:
     """The same in pieces, for rows computed from that number of values."""
     count = max(1, AT_ONCE // values)
 

@@ -14,4 +14,5 @@ from oiiotex.engine.io.paint_palette import write_indexed
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.io.writing import write
 from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from oiiotex.engine.session.resources import Resources

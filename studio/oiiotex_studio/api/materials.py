@@ -4,6 +4,17 @@
 from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.surfaces.capture.convention import convention_of
 from oiiotex.surfaces.charts.drawing import shown_pixels
+from oiiotex.surfaces.charts.lighting import (
+    FLAT,
+    GROUND,
+    LIGHTS,
+    ROUGHNESS,
+    SKY,
+    LitMaterial,
+    as_vectors,
+    bilinear,
+    unit_normals,
+)
 from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image

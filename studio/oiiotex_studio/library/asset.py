@@ -12,19 +12,18 @@ import datetime
 import json
 import shlex
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
 from oiiotex import __version__
 from oiiotex.engine.deferred import np, oiio
-from oiiotex.engine.errors import Error, MemoryBudgetError, one_line, within
+from oiiotex.engine.errors import Error, MemoryBudgetError, one_line
 
-from ..api.files import Allowed, hash_of, owned, read_as, read_document, remove_folder, writing_only_below
-from ..api.images import TAG, Image, Session, read
-from ..api.lines import LANGUAGE, Frame, Task, parse, work
-from ..api.lines import Job as LineJob
+from ..api.files import Allowed, hash_of, owned, read_as, read_document, remove_folder
+from ..api.images import TAG, Image, Progress, Session, read
+from ..api.lines import LANGUAGE, parse
 from ..api.materials import atlas_side
 from ..materials import preview
 from ..materials.documents import Described, write_materialx, write_usd
@@ -36,9 +35,11 @@ from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
 from .digests import digest_of, faults
 from .runs import WORK
+from .steps import StepFile, run_line
 from .wang import WangFiles, write_wang
 
 SCHEMA = "oiiotex.asset/2"
+_DELIVERY = 0.2  # of the time of a product's line: measures, documents and pictures
 _SEED = 0  # arrangement of Wang tiles
 _STEP = 0.1  # of a height map's range, between neighboring pixels
 
@@ -121,23 +122,6 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
     return dict(sidecar)
 
 
-def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0) -> int:
-    """Run a product's line in an asset's folder, writing only to the product's folder; returns the exit code.
-
-    Raises
-    ------
-    Error
-        The line fails.
-    """
-    task = Task(Frame(None, step.words), len(parse(list(step.words), LANGUAGE).steps))
-    with writing_only_below(folder / step.product):
-        _, error, status = work(LineJob(task, budget, threads, folder=str(folder)))
-    if error is not None:
-        with within(f"product {step.product}"):
-            raise error
-    return status
-
-
 @dataclass
 class _Making:
     """A running job."""
@@ -145,6 +129,9 @@ class _Making:
     job: AssetJob
     folder: Path
     maps: Mapping[str, MapFile] = field(default_factory=dict)  # with the convention of normals
+
+    def __post_init__(self) -> None:
+        self._step = StepFile(self.job.work)
 
     def sidecar(self, start: float) -> dict[str, Any]:
         """Make the asset, and return the content of its asset.json."""
@@ -155,7 +142,10 @@ class _Making:
         tile = next((step for step in steps if step.outputs), None)
         if tile is None:
             raise Error("the product with $outputs requires a map that this material does not have")
-        keys, reasons = self._products(steps)
+        stages = Progress(self._step.advance).stages(*[1.0] * len(steps), _DELIVERY)
+        keys, reasons = self._products(steps, stages)
+        delivery = next(stages)
+        self._step.begin("measures and documents")
         maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
         measures, steps_px = self._measures(tile.product, maps)
         measures |= told
@@ -170,6 +160,8 @@ class _Making:
         wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
         if wang is not None:
             side, measures["tiles"] = wang.side, wang.side**2
+        delivery.advance(1, 2)
+        self._step.begin("pictures")
         resources, shaded = _session(job).resources, None
         if recipe.deliver.shader:
             document, size_m = self.folder / f"{material.name}.mtlx", wang.size_m if wang else (1.0, 1.0)
@@ -207,12 +199,12 @@ class _Making:
 
     # --- lines ---
 
-    def _products(self, steps: Sequence[ProductStep]) -> tuple[dict[str, str], list[str]]:
+    def _products(self, steps: Sequence[ProductStep], stages: Iterator[Progress]) -> tuple[dict[str, str], list[str]]:
         """Run the lines or reuse earlier files; returns the keys of reusable products, and failed limits."""
         keys: dict[str, str] = {}
         failed: dict[str, str] = {}
         before = self._before()
-        for step in steps:
+        for step, progress in zip(steps, stages, strict=False):
             keys[step.product] = hash_of(
                 __version__, step.words, self.job.digests, _maps(self.job.material), [keys[t] for t in step.takes]
             )[:16]
@@ -220,7 +212,8 @@ class _Making:
                 continue
             (self.folder / step.product).mkdir(exist_ok=True)
             self._lay_out_sources()
-            if status := run_line(step, self.folder, self.job.budget, self.job.threads):
+            self._step.begin(step.product)
+            if status := run_line(step, self.folder, self.job.budget, self.job.threads, self._step.watch(progress)):
                 failed[step.product] = f"product {step.product}: exceeds a limit of its line (exit code {status})"
         return {name: key for name, key in keys.items() if name not in failed}, list(failed.values())
 
@@ -315,8 +308,8 @@ class _Making:
             result = json.loads(report.read_text())["results"][0]
             measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
-            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
-            measures["normal_length"] = float(np.abs(lengths - 1).mean())
+            grown = _beyond_unit(maps["normal"]) - _beyond_unit(self._source("normal"))
+            measures["normal_length"] = max(0.0, grown)  # the scan's own lengths do not count
         if "height" in maps:
             measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
         return measures, lattice
@@ -368,6 +361,11 @@ def role_of(path: str) -> str:
 def _maps(material: Material) -> list[tuple[str, str, str, str]]:
     """Properties of a material's maps that affect the result, in addition to their content."""
     return [(role, file.suffix, file.channel, file.hand) for role, file in material.maps.items()]
+
+
+def _beyond_unit(normals: Image) -> float:
+    """Mean difference of the lengths of a map's normals from 1."""
+    return float(np.abs(np.linalg.norm(preview.vectors(normals), axis=-1) - 1).mean())
 
 
 def _steps(heights: np.ndarray) -> float:

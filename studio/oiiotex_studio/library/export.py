@@ -12,7 +12,7 @@ from pathlib import Path
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
 from ..api.files import copy_folder, owned, read_document, remove_folder, temporary_beside
-from ..materials.documents import BLENDER, blender_catalog
+from ..materials.blender_catalogs import BLENDER, blender_catalog
 from .asset import SCHEMA, read_sidecar
 from .catalog import SIDECAR, Asset, Catalog
 

@@ -12,6 +12,7 @@ import contextlib
 import itertools
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -31,10 +32,12 @@ from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog, FoldersAlone
 from .digests import digest_of, digests_of, faults, is_text
 from .report import convention_text
 from .runs import WORK
+from .steps import calling, read_step, step_path
 
 log = logging.getLogger("oiiotex")
 
-_POLL = 0.3  # s between checks for assets of another run
+_POLL = 0.3  # s between checks for assets of another run, and for steps of assets
+_SHARES = 1000  # steps of progress per asset
 _DIED = "its process has ended unexpectedly (killed, or out of memory)"
 
 
@@ -109,6 +112,10 @@ class _IngestRun:
     made: int = 0
     total: int = 0
     unchanged: int = 0
+    underway: set[str] = field(default_factory=set)  # materials in the making
+
+    def __post_init__(self) -> None:
+        self._lock = threading.Lock()  # of what `_tell` shows
 
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[AssetJob]:
         """The jobs of a run. Questions and unreadable files are recorded; unchanged assets are counted."""
@@ -170,16 +177,27 @@ class _IngestRun:
             names = ", ".join(job.material.name for job in todo[:3]) + ", ..." * (len(todo) > 3)
             self.say(f"{len(todo)} to make ({names}), {self.unchanged} unchanged")
         self.display.stage("ingest", True)
-        self.display.advance(self.made, self.total)
+        self._tell()
         while later:
             self.catalog.sweep()
             tried: set[str] = set()
-            self._make(self._claimed(later, tried), len(later))
+            with calling(self._tell, _POLL):
+                self._make(self._claimed(later, tried), len(later))
             later = [job for job in later if job.material.name not in tried]
             if later and not tried:
                 time.sleep(_POLL)
         self.display.stage("ingest", False)
         return Tally(self.made, self.unchanged, self.counts, time.perf_counter() - start)
+
+    def _tell(self) -> None:
+        """Show the finished share of the run, and the step of the asset that is furthest."""
+        with self._lock:
+            steps = {name: read_step(step_path(str(self._work_of(name)))) for name in sorted(self.underway)}
+            done = self.made + sum(share for share, _ in steps.values())
+            self.display.advance(round(_SHARES * done), _SHARES * self.total)
+            name = max(steps, key=lambda name: steps[name][0], default="")
+            further = f" (and {len(steps) - 1} more)" * (len(steps) > 1)
+            self.display.note(f"{one_line(name)}{further}, {steps[name][1]}".rstrip(", ") if name else "")
 
     def _claimed(self, jobs: Sequence[AssetJob], tried: set[str]) -> Iterator[AssetJob]:
         """Yield jobs that no other run has made or claimed, claiming each on demand, so that runs share the work."""
@@ -196,6 +214,7 @@ class _IngestRun:
                 continue
             there = self._there(job)
             if there is None:
+                self.underway.add(name)
                 yield self._placed(job)
             else:
                 self._record(Outcome(name, there), job)
@@ -227,10 +246,10 @@ class _IngestRun:
                 self._record(outcome or Outcome(job.material.name, None, _DIED), job)
 
     def _placed(self, job: AssetJob) -> AssetJob:
-        return job._replace(work=str(self._work_of(job)))
+        return job._replace(work=str(self._work_of(job.material.name)))
 
-    def _work_of(self, job: AssetJob) -> Path:
-        return self.library / WORK / self.name / "assets" / job.material.name
+    def _work_of(self, material: str) -> Path:
+        return self.library / WORK / self.name / "assets" / material
 
     def _on_farm(self, jobs: list[AssetJob]) -> Iterator[tuple[Outcome, AssetJob]]:
         from ..farm.dask_cluster import cluster, results
@@ -266,9 +285,11 @@ class _IngestRun:
 
     def _record(self, outcome: Outcome, job: AssetJob) -> None:
         """Move a finished folder to its place, then record and report it."""
-        self.made += 1
-        self.display.advance(self.made, self.total)
         name, sidecar = outcome.name, outcome.sidecar
+        with self._lock:
+            self.made += 1
+            self.underway.discard(name)
+        self._tell()
         if sidecar is None:
             status = "asked" if outcome.asks else "failed"
             self._count(status)
@@ -299,7 +320,7 @@ class _IngestRun:
         """Move an asset's folder to its place, unless it is there, and return its path below the library."""
         place = "assets" if sidecar["status"] == "ok" else "review"
         folder = Path(place) / job.material.name / self._key(job)
-        made = self._work_of(job)
+        made = self._work_of(job.material.name)
         if made.is_dir():
             target = owned(self.library / folder, self.library)
             target.parent.mkdir(parents=True, exist_ok=True)

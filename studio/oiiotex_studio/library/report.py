@@ -27,12 +27,15 @@ body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafaf
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
 table{border-collapse:collapse;background:#fff}
 th,td{padding:6px 8px;overflow-wrap:break-word;border-bottom:1px solid #ddd;text-align:left}
-td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;position:sticky;top:0;background:#eee}
+.n{text-align:right}td.n{font-variant-numeric:tabular-nums}th{cursor:pointer;position:sticky;top:0;background:#eee}
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
 img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
 td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
-@media(max-width:1500px){
- body{margin:12px}input{width:100%;box-sizing:border-box}thead{font-size:12px}table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
+div{overflow:auto;max-height:calc(100vh - 130px)}
+@media(max-width:700px){
+ body{margin:12px}input{width:100%;box-sizing:border-box}div{max-height:none}
+ thead{font-size:12px}thead tr::before{content:"Sort by";padding:6px 8px}th.n{text-align:left}
+ table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
  th{position:static}td{border:0;padding:2px 8px}td:first-child{flex:0 0 100%}td{box-sizing:border-box}
  tr+tr{border-top:1px solid #ddd}
  td.n[data-l]:not([data-v=""])::before{content:attr(data-l) " ";color:#555}td.why{max-width:none}img{max-width:100%}
@@ -62,7 +65,8 @@ def write_report(catalog: Catalog, title: str) -> Path:
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "no assets yet"
     if len(assets) > _MOST:
         summary += f"; showing {_MOST}, those that are not ok first"
-    heads = ["photo, lit, repeated, compared", "name", "status", "reason", "size", *columns, "seconds", "MB"]
+    texts, numbers = ["photo, lit, repeated, compared", "name", "status", "reason", "size"], [*columns, "seconds", "MB"]
+    heads = [f"<th>{head}</th>" for head in texts] + [f'<th class="n">{head}</th>' for head in numbers]
     rows = [
         _row(catalog.library, asset, measures.get(asset.name, {}), columns, sizes.get(asset.name, 0))
         for asset in assets[:_MOST]
@@ -72,8 +76,8 @@ def write_report(catalog: Catalog, title: str) -> Path:
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1><p>{made}: {summary}</p>"
         '<input aria-label="Filter by name, status or reason" placeholder="Filter by name, status or reason">'
-        f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table><script>{_SCRIPT}</script></html>\n"
+        f"<div><table><thead><tr>{''.join(heads)}</tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></div><script>{_SCRIPT}</script></html>\n"
     )
     path = catalog.library / FILE
     with temporary_beside(path) as temporary:

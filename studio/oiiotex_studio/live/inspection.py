@@ -15,9 +15,9 @@ from oiiotex.engine.errors import Error
 
 from ..api.images import TAG, Image, Window, as_float, channels_of, from_array
 from ..api.measures import region_uses
-from ..api.painting import PRESETS
+from ..api.painting import PRESETS, codes_of, color_of
 from ..api.service import BRUSH, spec_of
-from .hub import MOST_SHOWN, Hub, reduced
+from .hub import MOST_SHOWN, Hub, labels_of, reduced
 from .pages import Page
 
 BINS = 64  # of a histogram, for each channel
@@ -46,6 +46,22 @@ class Inspection:
     def _show_preset(self, preset: str, page: Page | None = None) -> None:
         small = self._hub.picture(self._presets[preset], self._hub.shown())
         self._hub.show({"room": "tile", "kind": "preset", "preset": preset}, small, page)
+
+    async def show_overlay(self, name: str) -> None:
+        """Show the dominant texture or the labels as an overlay of the photo."""
+        made, client = await self._hub.made(name), await self._hub.client()
+        number = made["number"]
+        part = name if name == "dominant" else labels_of(made)[-1]
+        _, (pixels,) = await asyncio.wrap_future(client.read(number, part=part, priority=BRUSH))
+        if name == "dominant":
+            ids = (as_float(pixels[..., 0]) > 0.5).astype(np.uint8)
+        else:
+            ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
+        there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
+        colors = [color_of(int(code)) for code in codes_of(np.array(there, int))]
+        step = -(-max(ids.shape) // MOST_SHOWN)
+        facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colors": colors}
+        self._hub.show(facts, ids[::step, ::step, None])
 
     async def find_presets(self, values: Mapping[str, Any]) -> None:
         """Synthesize coarse tiles of all presets, with the other modifiers of the document."""

@@ -7,7 +7,10 @@ import os
 import re
 from pathlib import Path
 
+from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import ImageError
+
+from ..api.images import Image, from_array, write
 
 MOST = 1_000_000
 _TAKEN = re.compile(r"(\d{6})\..*")
@@ -35,6 +38,17 @@ def make_folder(folder: Path, what: str) -> None:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise ImageError(f"{folder.absolute()}: {error.strerror}") from error
+
+
+def write_mask(folder: Path, small: np.ndarray, spec: oiio.ImageSpec) -> int:
+    """Write a painted mask, (height, width) uint8, at the size of a photo, as the next file; returns its number."""
+    (height, width), number = small.shape, next_number(folder)
+    rows, columns = np.arange(spec.height) * height // spec.height, np.arange(spec.width) * width // spec.width
+    part = from_array(np.where(small[rows][:, columns] > 127, np.uint8(255), np.uint8(0))[..., None]).first
+    path = folder / f"{number:06d}.png"
+    make_folder(folder, "masks of the photo")
+    write(Image((part,), str(path)), path, oiio.TypeDesc("uint8"))
+    return number
 
 
 def is_folder(path: Path) -> bool:

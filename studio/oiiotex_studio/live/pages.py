@@ -29,7 +29,7 @@ class Page:
     """One browser's connection."""
 
     def __init__(self, wire: WebSocket):
-        self.wire = wire
+        self.wire, self.tab = wire, "tile"  # the tab that it shows first
         self._waiting: asyncio.Queue[str | bytes | None] = asyncio.Queue(_WAITING)
 
     def tell(self, message: str | bytes | None) -> None:
@@ -116,6 +116,7 @@ class Pages:
             await wire.close(1013)
             return
         page = Page(wire)
+        page.tab = wire.query_params.get("tab") or page.tab
         self.pages.add(page)
         sending = asyncio.create_task(page.send_all())
         try:

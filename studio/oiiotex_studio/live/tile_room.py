@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.deferred import np, oiio
+from oiiotex.engine.deferred import np
 from oiiotex.engine.errors import Error, ImageError
 
-from ..api.images import Image, as_float, from_array, read, write
-from ..api.painting import codes_of, color_of
+from ..api.images import as_float, read
 from ..api.service import BRUSH, LOOKS, Client, LinkError, Request, spec_of
-from .hub import MOST_SHOWN, Hub, labels_of, reduced
+from .hub import Hub, reduced
 from .inspection import Inspection, histogram
+from .kept_tiles import KeptTile, KeptTiles
 from .lines import line, word_of
-from .numbered import make_folder, next_number
+from .numbered import write_mask
 from .pages import Page, gesture_of
 from .photos.material import MaterialMaps, Outputs
 
@@ -37,8 +37,9 @@ class TileRoom:
         self._request: Request | None = None
         self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last preview, and its facts
         self._measures: dict[str, Any] | None = None
-        self._busy: dict[str, Any] = {"do": "busy", "room": "tile", "done": 1, "total": 1}
+        self._busy: dict[str, Any] = {"do": "busy", "room": "tile", "done": 1, "total": 1, "turn": 0}
         self._images: list[dict[str, Any]] = []  # the finished tile, and its maps: 'number' and 'parts'
+        self._kept = KeptTiles()
         self._saves: list[Outputs] = []  # files to write when the tile is finished
         self._material = MaterialMaps(hub)
         self._thumbnails: list[Request] = []
@@ -61,9 +62,14 @@ class TileRoom:
         if self._measures is not None:
             self._hub.tell(self._measures)
         page.tell(json.dumps(self._busy))
-        self._material.show(page)
+        self._hub.begin(self._material.show(page))
         self._tell_line()
         self._inspection.show_presets(page)
+        if page.tab == "tile":
+            await self._open()
+
+    async def _open(self) -> None:
+        """Make the first tile, once a page shows the tab: until then, the resident process works for other tabs."""
         if self._turn == 0 and not self._hub.source.asks:
             self._turn = 1
             await self.prepare()
@@ -101,7 +107,9 @@ class TileRoom:
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         """Handle a request of a page."""
         do = asked["do"]
-        if do == "line":
+        if do == "open":
+            await self._open()
+        elif do == "line":
             self._tell_line(asked=True)
         elif do == "brush":
             await self._take_brush(asked["name"], data, gesture_of(page, asked))
@@ -124,7 +132,7 @@ class TileRoom:
                 asked["name"], self._tile_image, self._hub.document.state["tile"]["measure"]
             )
         elif do == "overlay":
-            await self._overlay(asked["name"])
+            await self._inspection.show_overlay(asked["name"])
         else:
             raise ValueError(do)
 
@@ -135,6 +143,7 @@ class TileRoom:
         """Drop references to images of a resident process that has ended."""
         self._numbers.clear()
         self._material.forget()
+        self._kept.forget()
         self._images = []
 
     # --- the tile ---
@@ -170,8 +179,9 @@ class TileRoom:
         self._measures = None
         self._advanced(turn, 0, 1)
         client = await hub.client()
-        self._release(client, self._images)
-        self._images = []
+        self._images, key = [], self._key()
+        if (kept := self._kept.get(key)) is not None:
+            return await self._show_again(turn, kept, saves)
         given, optional = await self._exemplar()
         given[1:1] = await self._material.numbers(client)  # maps follow the photo, before a painted area
         if turn != self._turn:
@@ -206,13 +216,33 @@ class TileRoom:
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
             self._advanced(turn, 1, 1)
+            if self._tile is not None and self._tile[1] | {"turn": turn, "whole": True} == self._tile[1]:
+                for gone in self._kept.put(key, KeptTile(images, *self._tile, self._measures)):
+                    self._release(client, gone.images)
             await self._material.find(client, images)
         try:
             for outputs in saves:
                 await self._material.save(images, outputs)
         finally:
-            if images is not self._images:
+            if not self._kept.holds(images):
                 self._release(client, images)
+
+    def _key(self) -> str:
+        """What determines the tile of the document's values."""
+        tile = self._hub.document.state["tile"]
+        masks = [str(self._mask(name)) for name in _BRUSHES if tile[name] == "brush"]
+        return json.dumps([self._op, self._values(), tile["mask"], masks], sort_keys=True)
+
+    async def _show_again(self, turn: int, kept: KeptTile, saves: Sequence[Outputs]) -> None:
+        """Show a tile that was finished before, and save its files."""
+        self._images, self._measures = kept.images, kept.measures
+        self._tile = kept.pixels, kept.facts | {"turn": turn}
+        self._hub.show(*self._framed(*self._tile))
+        self._hub.tell(kept.measures)
+        self._advanced(turn, 1, 1)
+        await self._material.find(await self._hub.client(), kept.images)
+        for outputs in saves:
+            await self._material.save(kept.images, outputs)
 
     def _release(self, client: Client, images: list[dict[str, Any]]) -> None:
         for image in images:
@@ -231,7 +261,7 @@ class TileRoom:
 
     def _advanced(self, turn: int, done: int, total: int) -> None:
         if turn == self._turn:
-            self._busy |= {"done": done, "total": total}
+            self._busy |= {"done": done, "total": total, "turn": turn}
             self._hub.tell(self._busy)
 
     @property
@@ -315,12 +345,7 @@ class TileRoom:
         images, optional = await self._exemplar()
         requests = {
             seed: client.make(
-                self._op,
-                images,
-                self._values() | {"seed": seed},
-                optional=optional,
-                priority=LOOKS,
-                until="look",
+                self._op, images, self._values() | {"seed": seed}, optional=optional, priority=LOOKS, until="look"
             )
             for seed in range(first, first + min(count, MOST_THUMBNAILS))
         }
@@ -369,26 +394,5 @@ class TileRoom:
             raise ImageError(f"{len(data)} bytes of mask: expected {width}x{height} px, as the photo; reload the page")
         small = np.frombuffer(data, np.uint8).reshape(height, width)
         spec = source.first.spec
-        rows, columns = np.arange(spec.height) * height // spec.height, np.arange(spec.width) * width // spec.width
-        part = from_array(np.where(small[rows][:, columns] > 127, np.uint8(255), np.uint8(0))[..., None]).first
-        number = next_number(folder)
-        path = folder / f"{number:06d}.png"
-        make_folder(folder, "masks of the photo")
-        write(Image((part,), str(path)), path, oiio.TypeDesc("uint8"))
+        number = write_mask(folder, small, spec)
         self._hub.change("masks", {name: number}, f"{_BRUSHES[name]} mask", gesture)
-
-    async def _overlay(self, name: str) -> None:
-        """Show the dominant texture or the labels as an overlay of the photo."""
-        made, client = await self._hub.made(name), await self._hub.client()
-        number = made["number"]
-        part = name if name == "dominant" else labels_of(made)[-1]
-        _, (pixels,) = await asyncio.wrap_future(client.read(number, part=part, priority=BRUSH))
-        if name == "dominant":
-            ids = (as_float(pixels[..., 0]) > 0.5).astype(np.uint8)
-        else:
-            ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
-        there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
-        colors = [color_of(int(code)) for code in codes_of(np.array(there, int))]
-        step = -(-max(ids.shape) // MOST_SHOWN)
-        facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colors": colors}
-        self._hub.show(facts, ids[::step, ::step, None])

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Documents of a material for other programs: MaterialX, USD, and Blender's list of asset catalogs."""
+"""Documents of a material for other programs: MaterialX and USD."""
 
 from __future__ import annotations
 
 import os
-import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,31 +12,38 @@ from typing import TYPE_CHECKING, Any
 from oiiotex.engine.errors import Error, one_line
 
 from ..api.files import checked_name
+from ..api.materials import ROUGHNESS
 from .naming import COLORS
 
 if TYPE_CHECKING:
     import MaterialX
 
 
+STANDARD = "_standard"  # suffix of the document for hosts without OpenPBR
 HEX = "_hextiled"  # suffix of the hex-tiled material's name
-BLENDER = "blender_assets.cats.txt"
 SPACES = {  # MaterialX names of common color spaces
     "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
     "lin_ap1_scene": "acescg",
 }  # fmt: skip
-STANDARD_INPUTS = {  # inputs of standard_surface, with their types
+_STANDARD_INPUTS = {  # inputs of standard_surface, with their types
     "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
     "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
     "specular": ("specular_color", "color3"),
 }  # fmt: skip
-ROUGHNESS = 0.7  # of a photo without such a map: MaterialX's defaults, 0.2 and 0.3, are those of plastic
+OPENPBR_INPUTS = _STANDARD_INPUTS | {  # those of OpenPBR that differ
+    "metal": ("base_metalness", "float"), "normal": ("geometry_normal", "vector3"),
+    "opacity": ("geometry_opacity", "float"),
+}  # fmt: skip
+_SURFACES = {  # suffix of a document: its surface, inputs, and strength of emission
+    "": ("open_pbr_surface", OPENPBR_INPUTS, "emission_luminance"),
+    STANDARD: ("standard_surface", _STANDARD_INPUTS, "emission"),
+}
 _PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
     "height": ("displacement", "Float", "r"),
 }  # fmt: skip
-_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogs
 
 
 @dataclass(frozen=True)
@@ -83,25 +89,31 @@ class Described:
 
 
 def write_materialx(described: Described, folder: Path) -> None:
-    """Write NAME.mtlx: a material with `image` nodes and, without a lattice, a second one with `hextiledimage`.
+    """Write NAME.mtlx with OpenPBR, and NAME_standard.mtlx with standard_surface.
+
+    Each has a material with `image` nodes and, without a lattice, a second one with `hextiledimage`.
 
     Raises
     ------
     Error
         MaterialX is not installed, or rejects the document.
     """
-    mx = materialx()
-    document = mx.createDocument()
-    document.setColorSpace("acescg" if SPACES.get(described.space) == "acescg" else "lin_rec709")  # of shading
-    library = loaded_libraries()
-    document.setDataLibrary(library)
-    _material(document, described, described.identifier, hex_tiled=False)
-    if not described.lattice:
-        _material(document, described, described.identifier + HEX, hex_tiled=True)
+    for suffix in _SURFACES:
+        document = materialx().createDocument()
+        document.setColorSpace("acescg" if SPACES.get(described.space) == "acescg" else "lin_rec709")  # of shading
+        document.setDataLibrary(loaded_libraries())
+        _material(document, described, suffix, hex_tiled=False)
+        if not described.lattice:
+            _material(document, described, suffix, hex_tiled=True)
+        write_valid(document, folder / f"{described.name}{suffix}.mtlx")
+
+
+def write_valid(document: MaterialX.Document, path: Path) -> None:
+    """Write a document that MaterialX accepts."""
     valid, text = document.validate()
     if not valid:
-        raise Error(f"{described.name}.mtlx: {text}")
-    mx.writeToXmlFile(document, str(folder / f"{described.name}.mtlx"))
+        raise Error(f"{path.name}: {text}")
+    materialx().writeToXmlFile(document, str(path))
 
 
 def materialx_faults(path: Path) -> list[str]:
@@ -155,15 +167,17 @@ def loaded_libraries() -> Any:
     return _loaded[0]
 
 
-def _material(document: MaterialX.Document, described: Described, name: str, hex_tiled: bool) -> None:
+def _material(document: MaterialX.Document, described: Described, suffix: str, hex_tiled: bool) -> None:
+    category, inputs, emission = _SURFACES[suffix]
+    name = described.identifier + HEX * hex_tiled
     graph = document.addNodeGraph(f"maps_{name}")
-    surface = document.addNode("standard_surface", f"surface_{name}", "surfaceshader")
+    surface = document.addNode(category, f"surface_{name}", "surfaceshader")
     maps = dict(described.maps)
     inverted = "gloss" in maps and "roughness" not in maps
     if inverted:
         maps["roughness"] = maps.pop("gloss")
     for role, file in maps.items():
-        kind = STANDARD_INPUTS[role][1] if role in STANDARD_INPUTS else "float"
+        kind = inputs[role][1] if role in inputs else "float"
         if role == "normal":
             node = _normals(graph, file, described.hand, hex_tiled)
         else:
@@ -172,12 +186,12 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
                 node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
         output = graph.addOutput(role, kind)
         output.setConnectedNode(node)
-        if role in STANDARD_INPUTS:
-            target = surface.addInput(STANDARD_INPUTS[role][0], kind)
+        if role in inputs:
+            target = surface.addInput(inputs[role][0], kind)
             target.setNodeGraphString(graph.getName())
             target.setOutputString(role)
     if "emission" in maps:
-        surface.setInputValue("emission", 1.0)
+        surface.setInputValue(emission, 1.0)
     if "roughness" not in maps:
         surface.setInputValue("specular_roughness", ROUGHNESS)
     target = document.addMaterialNode(name, surface)
@@ -361,31 +375,3 @@ def _range(role: str, described: Described, inverted: bool) -> tuple[tuple[float
     if inverted:
         return (-1, -1, -1, 1), (1, 1, 1, 0)
     return None, ()
-
-
-# --- Blender ---
-
-
-def blender_catalog(paths: Iterable[str], there: str = "") -> str:
-    """The content of Blender's list of catalogs: a line per path, with a stable id.
-
-    Parameters
-    ----------
-    paths : iterable of str
-        Paths such as 'Materials/ground'.
-    there : str
-        Previous content. Other catalogs and changed names are kept.
-    """
-    made = {catalog_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
-    others = {}
-    for line in there.splitlines():
-        identifier, colon, rest = line.partition(":")
-        if colon and not line.startswith("#") and identifier != catalog_id(rest.partition(":")[0]):
-            others[identifier] = rest
-    lines = ["# Catalogs of assets for Blender's asset browser.", "VERSION 1", ""]
-    return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
-
-
-def catalog_id(path: str) -> str:
-    """The stable id of a catalog path."""
-    return str(uuid.uuid5(_NAMESPACE, path))

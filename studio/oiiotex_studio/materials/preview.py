@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preview images of a material: flat, repeated, lit on a sphere or a plane, and compared with hex-tiling.
-
-Shading is one GGX lobe (Walter, Marschner, Li, Torrance, Microfacet Models for Refraction, EGSR 2007) over Lambert.
-"""
+"""Preview images of a material: flat, repeated, lit on a sphere or a plane, and compared with hex-tiling."""
 
 from __future__ import annotations
 
@@ -27,46 +24,39 @@ from ..api.images import (
     resized,
     tagged,
 )
-from ..api.materials import HORIZON, area_means, plane_in_perspective, repeated, shown_pixels
-from .documents import ROUGHNESS
+from ..api.materials import (
+    FLAT,
+    HORIZON,
+    ROUGHNESS,
+    LitMaterial,
+    area_means,
+    as_vectors,
+    bilinear,
+    plane_in_perspective,
+    repeated,
+    shown_pixels,
+    unit_normals,
+)
 
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews
 _THUMBNAIL, _REPEATED, LIT, _RIVALS = 256, 512, 320, 256  # px
 _ACROSS = 4  # tiles per side in the comparison with hex-tiling
 _PLANE = 8  # tiles per side of a picture of Wang tiles
-_PAPER = 0.93
-LIGHTS = (
-    ((-0.55, 0.65, 0.55), 3.6),
-    ((0.8, 0.15, 0.35), 0.8),
-)  # direction (x right, y up, z near), intensity
-SKY, GROUND = 0.7, 0.25  # ambient light from above and below
+_PAPER = float(decoded(np.float32(0.93)))  # linear
 _QUALITY = 85  # JPEG quality
 
 
 @dataclass(frozen=True)
-class Looks:
-    """Maps of a tile, or atlases of Wang tiles, for drawing, all of the same size; constant maps can be a single texel.
+class Looks(LitMaterial):
+    """Maps for drawing, all of the same size.
 
     Attributes
     ----------
-    color : (h, w, 3) float32
-        Linear Rec. 709.
-    normal : (h, w, 3) float32
-        Unit normals, y up.
-    roughness, metal, ao : (h, w, 1) float32
-    side : int
-        Tiles along a side of the maps; more than 1: atlases.
     index : (h, w, 3) uint8, optional
         The plane of an atlas: column and row of the tile of each cell.
     """
 
-    color: np.ndarray
-    normal: np.ndarray
-    roughness: np.ndarray
-    metal: np.ndarray
-    ao: np.ndarray
-    side: int = 1
     index: np.ndarray | None = None
 
     @classmethod
@@ -86,11 +76,9 @@ class Looks:
         rough = (
             1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", ROUGHNESS)
         )
-        normal = np.array([[[0, 0, 1]]], np.float32)
+        normal = np.array([[FLAT]], np.float32)
         if "normal" in maps:
-            signs = np.array([1, -1 if hand == "directx" else 1, 1], np.float32)
-            normal = _fitted(vectors(maps["normal"]), size) * signs
-            normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+            normal = unit_normals(_fitted(vectors(maps["normal"]), size), hand)
         return cls(color, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0), side, index)
 
     def mean_lab(self) -> np.ndarray:
@@ -113,10 +101,9 @@ class Looks:
         shaded : (h, w, 4) float, optional
             The lit preview by a renderer, linear, with its coverage.
         """
-        if shaded is not None:
-            lit = shaded[..., :3] + (1 - shaded[..., 3:]) * decoded(np.float32(_PAPER))
-        else:
-            lit = self.sphere(LIT) if shape == "sphere" else self.plane(LIT)
+        if shaded is None and shape == "sphere":
+            shaded = self.sphere(LIT, 0, LIT)
+        lit = self.plane(LIT) if shaded is None else shaded[..., :3] + (1 - shaded[..., 3:]) * _PAPER
         tile = self.color[: self.color.shape[0] // self.side, : self.color.shape[1] // self.side]
         ways = [repeated(tile, _ACROSS, _RIVALS)]
         if not lattice:
@@ -141,59 +128,13 @@ class Looks:
         column, row = np.moveaxis(present(self.index)[:count, :count], -1, 0)[:2]
         return tiles[row, column].swapaxes(1, 2).reshape(count * height, count * width, 3)
 
-    def sphere(self, side: int) -> np.ndarray:
-        """The material on a sphere, orthographic: linear, (side, side, 3)."""
-        fine = 2 * side  # 2x supersampling
-        at = (np.arange(fine, dtype=np.float32) + 0.5) / fine * 2.1 - 1.05
-        x, y = np.meshgrid(at, -at)
-        inside = x * x + y * y < 1
-        x, y = x[inside], y[inside]
-        z = np.sqrt(np.maximum(1 - x * x - y * y, 1e-6))
-        bulge = np.stack([x, y, z], axis=-1)
-        round_axis = np.stack([z, np.zeros_like(x), -x], axis=-1)  # direction of increasing longitude
-        round_axis /= np.maximum(np.linalg.norm(round_axis, axis=-1, keepdims=True), 1e-6)
-        upwards = np.cross(bulge, round_axis)
-        # four tiles around the equator
-        u, v = (angle * (2 / np.pi / self.side) for angle in (np.arctan2(x, z), np.arccos(np.clip(y, -1, 1))))
-        bumps = _bilinear(self.normal, u, v)
-        normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
-        picture = np.full((fine, fine, 3), decoded(np.float32(_PAPER)))
-        picture[inside] = self._lit(u, v, normal, (0.0, 0.0, 1.0))
-        return picture.reshape(side, 2, side, 2, 3).mean((1, 3))
-
     def plane(self, side: int) -> np.ndarray:
         """The material on a plane in perspective, lit from the viewer's left: linear, (side, side, 3)."""
         height, width = self.color.shape[:2]
-        v, u = np.meshgrid(
-            (np.arange(height, dtype=np.float32) + 0.5) / height, (np.arange(width, dtype=np.float32) + 0.5) / width,
-            indexing="ij",
-        )  # fmt: skip
-        lit = self._lit(u, v, _bilinear(self.normal, u, v), (0.0, -0.4, 0.9))
+        lit = self.flat(width, height, 0, height, (0.0, -0.4, 0.9))
         picture = plane_in_perspective(lit, side, side)
-        picture[: round(side * HORIZON)] = decoded(np.float32(_PAPER))
+        picture[: round(side * HORIZON)] = _PAPER
         return picture
-
-    def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
-        """Radiance towards the eye of points of the tile with given normals."""
-        normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-        view = np.array(eye, np.float32) / np.linalg.norm(eye)
-        base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.color, self.roughness, self.metal, self.ao))
-        alpha = np.maximum(rough, 0.05) ** 2
-        reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
-        n_v = np.maximum((normal @ view)[..., None], 1e-3)
-        from_all = GROUND + (SKY - GROUND) * (0.5 + 0.5 * normal[..., 1:2])
-        gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # rough surfaces reflect no sky
-        seen = from_all * ao * (base * (1 - metal) + gloss)
-        for towards, strength in LIGHTS:
-            light = np.array(towards, np.float32) / np.linalg.norm(towards)
-            half = (light + view) / np.linalg.norm(light + view)
-            n_l, n_h = (np.maximum((normal @ d)[..., None], 0) for d in (light, half))
-            fresnel = reflected + (1 - reflected) * (1 - float(half @ view)) ** 5
-            spread = alpha**2 / np.maximum(np.pi * (n_h**2 * (alpha**2 - 1) + 1) ** 2, 1e-9)
-            shadowed = _smith(n_l, alpha) * _smith(n_v, alpha)
-            glance = fresnel * spread * shadowed / np.maximum(4 * n_l * n_v, 1e-4)
-            seen = seen + strength * n_l * (base * (1 - metal) * (1 - fresnel) / np.pi + glance)
-        return seen
 
 
 def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
@@ -226,7 +167,7 @@ def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
         right, down = u - center_u, v - center_v
         place_u = np.cos(turn) * right + np.sin(turn) * down + center_u + first
         place_v = -np.sin(turn) * right + np.cos(turn) * down + center_v + second
-        shown += weight[..., None] * _bilinear(fine, place_u, place_v)
+        shown += weight[..., None] * bilinear(fine, place_u, place_v)
     return shown.astype(np.float32)
 
 
@@ -237,9 +178,8 @@ def values(image: Image) -> np.ndarray:
 
 
 def vectors(normals: Image) -> np.ndarray:
-    """A normal map as vectors; decoded from 0..1 if no value is negative."""
-    pixels = values(normals)
-    return pixels if pixels.min() < 0 else 2 * pixels - 1
+    """A normal map as vectors."""
+    return as_vectors(values(normals))
 
 
 def linear_of(part: Part, resources: Resources) -> np.ndarray:
@@ -286,26 +226,6 @@ def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (mixed & np.uint32(0xFFFF)) / 65536, (mixed >> np.uint32(16)) / 65536
 
 
-def _bilinear(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Bilinear lookup with repeat; u and v are in tiles."""
-    height, width = texels.shape[:2]
-    if height == width == 1:
-        return texels.reshape(*(1,) * u.ndim, -1)
-    x, y = u * width - 0.5, v * height - 0.5
-    left, top = np.floor(x), np.floor(y)
-    right, down = (x - left)[..., None], (y - top)[..., None]  # fractions, computed before the conversion to indices
-    left, top = left.astype(np.intp), top.astype(np.intp)
-    columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
-    above = texels[rows[0], columns[0]] * (1 - right) + texels[rows[0], columns[1]] * right
-    below = texels[rows[1], columns[0]] * (1 - right) + texels[rows[1], columns[1]] * right
-    return above * (1 - down) + below * down
-
-
-def _smith(cosine: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Smith masking function (Walter et al. eq. 34)."""
-    return 2 * cosine / np.maximum(cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2), 1e-6)
-
-
 def reduced(texels: np.ndarray, most: int, side: int = 1) -> np.ndarray:
     """Texels whose longer side is at most about `most`, and whose sides are multiples of `side`."""
     longer = max(texels.shape[:2])
@@ -325,6 +245,6 @@ def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 def _side_by_side(panels: list[np.ndarray], height: int) -> np.ndarray:
     """Place panels of equal height side by side."""
-    paper = np.full((height, 6, 3), decoded(np.float32(_PAPER)))
+    paper = np.full((height, 6, 3), _PAPER)
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
     return np.concatenate(row[:-1], axis=1)

@@ -21,9 +21,10 @@ from oiiotex.engine.errors import Error, one_line, present
 
 from ..api.images import Image, Resources, decoded, encoded
 from ..api.lines import program, start, start_python
+from ..api.materials import GROUND, LIGHTS, SKY
 from .documents import loaded_libraries, materialx
 from .naming import COLORS
-from .preview import GROUND, LIGHTS, SKY, linear_of, reduced, values
+from .preview import linear_of, reduced, values
 
 _MOST = 1024  # px; longest side of a map
 _AROUND, _HIGH = 96, 48  # faces of the sphere

@@ -14,28 +14,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.errors import Error
-
 from ..api.files import written
-from ..api.materials import CELLS
+from ..api.materials import CELLS, ROUGHNESS
 from .documents import (
-    ROUGHNESS,
+    OPENPBR_INPUTS,
     SPACES,
-    STANDARD_INPUTS,
+    STANDARD,
     connect_heights,
     loaded_libraries,
     materialx,
     node_of,
     opengl_normals,
+    write_valid,
 )
 
 IMAGE = "oiiotex_image"  # the node
-STANDARD = "_standard"  # suffix of the document for hosts without OpenPBR
-
-_SURFACE = STANDARD_INPUTS | {  # inputs of OpenPBR that differ from those of standard_surface
-    "metal": ("base_metalness", "float"), "normal": ("geometry_normal", "vector3"),
-    "opacity": ("geometry_opacity", "float"),
-}  # fmt: skip
 _SWIZZLES = {"float": ("float", "r"), "color3": ("vec3", "rgb"), "vector3": ("vec3", "rgb")}
 _GLSL = """\
 // SPDX-License-Identifier: Apache-2.0
@@ -92,14 +85,14 @@ def write_wang_materialx(material: WangMaterial, path: Path) -> list[Path]:
     """
     paths = [path]
     document = _document(material, own_node=True)
-    _write(document, path)
+    write_valid(document, path)
     for kind, (result, channels) in _SWIZZLES.items():
         name = f"{IMAGE}_{kind}"
         paths.append(path.with_name(f"{name}.glsl"))
         with written(paths[-1]) as file:
             file.write(_GLSL.format(name=name, kind=result, channels=channels).encode())
     paths.append(path.with_name(f"{path.stem}{STANDARD}.mtlx"))
-    _write(_translated(_document(material, own_node=False), material.identifier), paths[-1])
+    write_valid(_translated(_document(material, own_node=False), material.identifier), paths[-1])
     return paths
 
 
@@ -123,13 +116,6 @@ def _translated(document: Any, name: str) -> Any:
     return own
 
 
-def _write(document: Any, path: Path) -> None:
-    valid, text = document.validate()
-    if not valid:
-        raise Error(f"{path.name}: {text}")
-    materialx().writeToXmlFile(document, str(path))
-
-
 def _document(material: WangMaterial, own_node: bool) -> Any:
     """The document; without the node of our own, maps are read by `image`."""
     mx = materialx()
@@ -145,7 +131,7 @@ def _document(material: WangMaterial, own_node: bool) -> Any:
     surface = document.addNode("open_pbr_surface", f"surface_{name}", "surfaceshader")
     target = document.addMaterialNode(name, surface)
     for role, file in material.maps.items():
-        kind = _SURFACE[role][1] if role in _SURFACE else "float"
+        kind = OPENPBR_INPUTS[role][1] if role in OPENPBR_INPUTS else "float"
         node = graph.addNode(IMAGE if own_node else "image", f"{role}_image", kind)
         source = node.addInput("file", "filename")
         source.setValueString(file)
@@ -160,8 +146,8 @@ def _document(material: WangMaterial, own_node: bool) -> Any:
             node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
         graph.addOutput(role, kind).setConnectedNode(node)
         known = "roughness" if role == "gloss" and "roughness" not in material.maps else role
-        if known in _SURFACE:
-            _connect(surface, _SURFACE[known][0], kind, graph, role)
+        if known in OPENPBR_INPUTS:
+            _connect(surface, OPENPBR_INPUTS[known][0], kind, graph, role)
     if not {"roughness", "gloss"} & set(material.maps):
         surface.setInputValue("specular_roughness", ROUGHNESS)
     if "emission" in material.maps:

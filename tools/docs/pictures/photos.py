@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+import sklearn.datasets
 from scipy import ndimage
 from scipy.cluster.vq import kmeans2
 
@@ -41,6 +42,20 @@ def demo_pictures() -> None:
         photo.read(force=True)
     baseline, tile = filters.patchmatch(photo, seed=7), filters.stationarize(photo, seed=7)
     write_jpeg(beside(*(halved(twice(pixels(b))) for b in (photo, baseline, tile))), "gravel_2x2.jpg")
+
+
+def dahlia() -> None:
+    """README's picture: a photo, and its tile on a plane and on a sphere."""
+    photo = oiio.ImageBufAlgo.channels(
+        oiio.ImageBuf(str(Path(sklearn.datasets.__path__[0]) / "images" / "flower.jpg")), (0, 1, 2)
+    )
+    photo.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    petals = oiio.ImageBufAlgo.cut(photo, oiio.ROI(235, 365, 150, 280))
+    tile = filters.stationarize(petals, size=(256, 256), seed=7)
+    opaque = oiio.ImageBufAlgo.channels(tile, (0, 1, 2, 1.0), ("R", "G", "B", "A"))
+    shown = filters.preview(opaque, panels=["plane", "sphere"], panel=320).get_pixels(oiio.UINT8)
+    flower = oiio.ImageBufAlgo.cut(photo, oiio.ROI(130, 450, 60, 380))
+    write_jpeg(beside(pixels(flower), 255 - shown[..., 3:] + shown[..., :3]), "readme.jpg", quality=85)
 
 
 def flattened_wall() -> None:
@@ -230,6 +245,6 @@ def quilts_beside_peers() -> None:
 
 if __name__ == "__main__":
     draw(
-        quilts, quilts_beside_peers, demo_pictures, flattened_wall, cut_labels, painted_meadow, composites,
+        quilts, quilts_beside_peers, demo_pictures, dahlia, flattened_wall, cut_labels, painted_meadow, composites,
         layered_textures, moved_borders, mean_colors,
     )  # fmt: skip

@@ -29,7 +29,7 @@ class Display:
         self._terminal = sys.stderr.isatty() if terminal is None else terminal
         self._owner = threading.get_ident()
         self._stages: list[str] = []
-        self._prefix = ""
+        self._prefix = self._note = ""
         self._first = self._done = self._total = 0  # steps: at the begin, now, at the end
         self._begun = self._told = self._start = self._last_line = time.monotonic()
         self._bar: tqdm | None = None
@@ -73,6 +73,16 @@ class Display:
             return None
         whole = (self._told - self._begun) * (self._total - self._first) / (self._done - self._first)
         return whole - (now - self._begun) if whole > now - self._begun else None
+
+    def note(self, text: str) -> None:
+        """Set the text after the first stage's name: the step of work in other processes, instead of a stage here."""
+        with self._lock:
+            self._note = text
+
+    @property
+    def stages(self) -> str:
+        """The current stage and its own innermost stage; '' if nothing runs."""
+        return " ".join(dict.fromkeys((*self._stages[:1], self._note or "".join(self._stages[-1:]))))
 
     def frame(self, number: int, count: int, name: str = "") -> None:
         """Set the current frame of a sequence, from 1 to `count`, and its name if it is a file of --each."""
@@ -149,7 +159,7 @@ class Display:
             print(text, file=sys.stderr, flush=True)
 
     def _text(self) -> str:
-        return f"{self._prefix}{' '.join(dict.fromkeys((self._stages[0], self._stages[-1])))}:"
+        return f"{self._prefix}{self.stages}:"
 
 
 def _terminal_size() -> tuple[int, int]:

@@ -8,7 +8,7 @@ import io
 import logging
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, cast
 
 from .... import __version__
@@ -89,8 +89,8 @@ def _run_chain(task: Task, session: Session, shares: Shares | None, command: Com
     return chain.status
 
 
-def work(job: Job) -> tuple[str, Error | None, int]:
-    """Run a job; returns (its output, its error, its exit code)."""
+def work(job: Job, watch: Callable[[Session], object] | None = None) -> tuple[str, Error | None, int]:
+    """Run a job; returns (its output, its error, its exit code). `watch` gets its session before the work."""
     if job.version != __version__:
         text = f"a worker runs oiiotex {__version__}: expected {job.version}, the version of the sender"
         return "", Error(text), 1
@@ -99,7 +99,10 @@ def work(job: Job) -> tuple[str, Error | None, int]:
     printed = io.StringIO()
     try:
         with _at_work, contextlib.chdir(job.folder or os.curdir), contextlib.redirect_stdout(printed):
-            status = run_task(job.task, _session_of(job), job.shares)
+            session = _session_of(job)
+            if watch is not None:
+                watch(session)
+            status = run_task(job.task, session, job.shares)
         return printed.getvalue(), None, status
     except Error as error:
         return printed.getvalue(), error, 1

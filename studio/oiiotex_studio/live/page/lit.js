@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The maps of a material: next to each other, and lit on a plane. Shading, lights and sky are those of the previews of
-// a library (Looks._lit in materials/preview.py); heights displace the plane (relief mapping by a linear search).
+// a library (LitMaterial.seen in charts/lighting.py); heights displace the plane (relief mapping by a linear search).
 
 import { make } from "./controls.js";
 import { canvasOf } from "./wire.js";
@@ -85,7 +85,8 @@ export class Lit {
   take(facts, bytes) {
     if (facts.role === "color") {
       this.base = canvasOf(facts, bytes); // in sRGB, whatever the view
-      [this.color, this.size] = [this.room.tile, this.room.size]; // of the same tile: coarse ones that follow have no maps yet
+      this.given = facts.given; // the photo's own maps, shown until a tile is finished
+      [this.color, this.size] = facts.given ? [this.room.photo ?? this.base, this.room.shell.facts.photo] : [this.room.tile, this.room.size]; // of the same tile: coarse ones that follow have no maps yet
     } else this.maps.set(facts.role, { canvas: canvasOf(facts, bytes), hand: facts.hand });
     this.stale = true;
     this.draw();

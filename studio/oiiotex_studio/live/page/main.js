@@ -179,14 +179,15 @@ function copyLine() {
   rooms[current].askLine();
 }
 
-async function showLine(text) {
-  $("line").value = text;
-  $("line-dialog").showModal();
-  $("line").select();
+/** Copy a command. Only a browser that refuses the clipboard opens a dialog to copy from. */
+async function takeLine(text) {
   try {
     await navigator.clipboard.writeText(text);
     shell.status("Command copied to the clipboard");
   } catch {
+    $("line").value = text;
+    $("line-dialog").showModal();
+    $("line").select();
     shell.status("The clipboard is not available. Copy the command from the dialog");
   }
 }
@@ -263,7 +264,7 @@ on("message", (message) => {
     rooms[current]?.fail?.(message.text);
   } else if (message.do === "line") {
     if (message.asked === false) rooms[message.room]?.output?.show(message.text);
-    else if (message.room === current) showLine(message.text);
+    else if (message.room === current) takeLine(message.text);
   } else {
     rooms[message.room]?.hear?.(message);
   }

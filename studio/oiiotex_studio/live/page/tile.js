@@ -60,7 +60,9 @@ export class TileRoom {
     this.layouts = [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"], ...maps];
     this.modes = segments("Layout", this.layouts, (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
-    this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
+    this.outdated = make("span", { className: "fact mark", hidden: true, title: "This picture belongs to earlier values. The new one is being made" });
+    this.turn = this.wanted = 0; // of the tile that is shown, and of the one that is being made
+    this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.outdated, this.fact);
     this.tileView.empty.textContent = "Making coarse tiles ...";
     this.tileView.empty.hidden = false;
     this.strip = new Strip(this);
@@ -127,6 +129,11 @@ export class TileRoom {
     if (Object.keys(told).length) this.shell.set("tile", told);
   }
 
+  /** The first tile is made when the tab is first shown. */
+  show() {
+    this.shell.ask("tile", { do: "open" });
+  }
+
   /** Send what the page's user has changed before leaving. */
   hide() {
     this.tell();
@@ -144,11 +151,21 @@ export class TileRoom {
     this.planeCanvas.hidden = !plane;
     const maps = mode === "maps" || mode === "lit";
     this.tileView.canvas.hidden = plane || maps;
+    this.mark();
     this.compare.bar.hidden = maps; // what it does is not shown there
     this.lit?.show(mode);
     this.compare.setWipe(this.compare.wipe);
     if (plane) this.drawPlane();
     else this.tileView.fit();
+  }
+
+  /** Mark a picture of earlier values, until its successor is there. */
+  mark() {
+    const maps = this.mode === "maps" || this.mode === "lit";
+    const old = maps ? this.lit.color && this.lit.color !== this.tile : this.tile && this.turn < this.wanted;
+    this.outdated.hidden = !old;
+    this.outdated.textContent = maps && this.lit.given ? "The photo's maps" : "Outdated";
+    this.tileView.element.classList.toggle("outdated", Boolean(old && this.turn < this.wanted));
   }
 
   times() {
@@ -215,13 +232,16 @@ export class TileRoom {
       this.compare.taken();
       this.picked();
       this.lit?.draw(); // the exposure may have changed
+      this.turn = facts.turn;
+      this.mark();
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
       if (this.strip.keeping) this.strip.keep();
       else if (facts.whole) this.strip.showThumbnail();
     } else if (facts.kind === "map") {
       this.lit.take(facts, bytes);
-      this.element.dataset.maps = String(this.lit.maps.size);
+      this.mark();
+      this.element.dataset[facts.given ? "given" : "maps"] = String(this.lit.maps.size);
     } else if (facts.kind === "seed") {
       this.strip.seeds.set(facts.seed, canvasOf(facts, bytes));
       this.strip.show();
@@ -272,6 +292,8 @@ export class TileRoom {
   }
 
   busy(message) {
+    this.wanted = message.turn;
+    this.mark();
     if (message.done === 0) {
       this.tileView.empty.textContent = "Synthesizing the tile ...";
       this.doing = "Making the tile";

@@ -41,8 +41,10 @@ function unpack(buffer) {
 export function connect() {
   const url = new URL("wire", location.href);
   url.protocol = "ws:";
+  const tab = url.hash.slice(1).split("/")[0];
   url.hash = "";
   url.search = location.search; // names the photo
+  if (tab) url.searchParams.set("tab", tab); // whose work comes first
   socket = new WebSocket(url);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => { wait = 200; say("link", true); };

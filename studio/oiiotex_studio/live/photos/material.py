@@ -77,20 +77,34 @@ class MaterialMaps:
                 picture = await asyncio.to_thread(self._srgb, image["parts"][0], pixels)
             else:
                 picture = self._picture(one, reduced(as_float(pixels), MOST_MAP))
-            self._shown.append(({"room": "tile", "kind": "map", "role": role, "hand": hand}, picture))
-        self.show()
+            self._shown.append(({"room": "tile", "kind": "map", "given": False, "role": role, "hand": hand}, picture))
+        for shown in self._shown:
+            self._hub.show(*shown)
 
     def _srgb(self, facts: dict[str, Any], pixels: np.ndarray) -> np.ndarray:
         """Pixels of a tile as sRGB in 8 bits, as they are lit in previews of a library, whatever the view."""
         part = image_of({"source": "tile", "parts": [facts]}, [pixels]).first
-        scale = min(1.0, MOST_MAP / max(pixels.shape[:2]))
-        size = [max(1, round(n * scale)) for n in pixels.shape[:2]]
+        size = _fitting(*pixels.shape[:2])
         return np.rint(255 * srgb_of(part, self._hub.session.resources, size)).astype(np.uint8)
 
-    def show(self, page: Page | None = None) -> None:
-        """Show the maps of the finished tile to a page, or to all."""
-        for one in self._shown:
+    async def show(self, page: Page) -> None:
+        """Show the maps of the finished tile to a page; before there is one, those of the photo."""
+        given = [] if self._shown else await asyncio.to_thread(self._given)
+        for one in self._shown or given:  # a tile may have been finished meanwhile
             self._hub.show(*one, page)
+
+    def _given(self) -> list[tuple[dict[str, Any], np.ndarray]]:
+        """The photo and its maps as they are; none without a color space."""
+        source = self._hub.source
+        if source.image is None or source.asks or not source.maps:
+            return []
+        part, facts = source.image.first, {"room": "tile", "kind": "map", "given": True}
+        color = np.rint(255 * srgb_of(part, self._hub.session.resources, _fitting(part.spec.height, part.spec.width)))
+        shown = [(facts | {"role": "color", "hand": ""}, color.astype(np.uint8))]
+        for one in source.maps:
+            pixels = reduced(as_float(one.image.first.pixels()), MOST_MAP)
+            shown.append((facts | {"role": one.role, "hand": one.hand}, self._picture(one, pixels)))
+        return shown
 
     def _picture(self, one: MaterialMap, pixels: np.ndarray) -> np.ndarray:
         """A map in 8 bits: colors as the display shows them, heights from lowest to highest."""
@@ -100,3 +114,9 @@ class MaterialMaps:
         low = -1.0 if one.kind == "normal" and pixels.min() < 0 else low
         scaled = ((pixels - low) / max(high - low, 1e-9)).clip(0, 1)
         return np.round(scaled * 255).astype(np.uint8)[..., : 3 if pixels.shape[2] >= 3 else 1]
+
+
+def _fitting(height: int, width: int) -> list[int]:
+    """Height and width of a picture of a map on a page."""
+    scale = min(1.0, MOST_MAP / max(height, width))
+    return [max(1, round(n * scale)) for n in (height, width)]
