@@ -100,7 +100,7 @@ class Palette(LabeledExemplar, InBands):
         shown = Legend(labels, areas_of(labels, pixels.usable)).entries()
         below = [] if finer is None else Legend(finer, areas_of(finer, pixels.usable)).entries()
         for entry in shown:
-            entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
+            entry["children"] = [e["id"] for e in below if entry["id"] in e["parents"]]
         if len(shown) > self.maxlabels:
             self.warn("only %d of the %d labels of %s are shown", self.maxlabels, len(shown), labels.part.name)
         shown = shown[: self.maxlabels]
