@@ -72,7 +72,7 @@ class Kind(NamedTuple):
 def _names() -> dict[str, Any]:
     labels = [{"id": n, "number": n, "name": f"moss {n}", "color": f"{40 * n},0,0", "swatch": [0, 0, 8, 8],
                "share": 0.5} for n in (1, 2)]  # fmt: skip
-    finer = [entry | {"id": 1, "number": 3, "color": "0,9,0", "parent": 1} for entry in labels[:1]]
+    finer = [entry | {"id": 1, "number": 3, "color": "0,9,0", "parents": [1]} for entry in labels[:1]]
     return {"level": 2, "labels": labels, "finer": finer, "photo": "photo.png"}
 
 

@@ -115,7 +115,11 @@ def main() -> None:
         times = [page.evaluate(STROKE, [*map(float, at), paint]) for at, paint in zip(places, coarse, strict=True)]
         line(f"stroke of 64 px to texture, {given.painting} px", times)
         print(f"| memory before and after these strokes | {first} MB | {resident_memory(folder)} MB | 1 |")
-        fine = {"layer": "fine", "label": labels[0], "finer": parents.index(labels[0])}
+        fine = {
+            "layer": "fine",
+            "label": labels[0],
+            "finer": next(n for n, some in enumerate(parents) if labels[0] in some),
+        }
         times = [page.evaluate(STROKE, [*map(float, at), fine]) for at in places[: given.runs]]
         line(f"stroke of a finer label to texture, {given.painting} px", times)
         page.click("#tab-zoom")

@@ -47,10 +47,10 @@ from oiiotex.engine.core.image import Image, from_buffer
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
-from oiiotex.filters.texstationarize import PAPER_PATCH, Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.synthesis.patchmatch import optimization as module
 from oiiotex.synthesis.patchmatch.matcher import match_patches
-from oiiotex.synthesis.patchmatch.recipe import Recipe
+from oiiotex.synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
 
 
 class Photo:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..analysis.labels.legend import LabelNames
 from ..analysis.labels.single_part import SINGLE, OnePart
+from ..analysis.superpixels.superpixels import COMPACTNESS_HELP
 from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part
@@ -33,10 +34,11 @@ class Label(OnePart, InLab, ScanThenMap):
 
     Similar superpixels get the same label, and the image determines the number of labels (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
-    result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
-    label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
-    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho),
-    its number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within
+    labels of the next level, its parents: a pattern such as joints can run through several. Ids are 1, 2, ... of type
+    uint32, and 0 only where alpha is 0: write them to EXR or TIFF. With `photo` the photo is the first part. Attributes
+    of a part record its scale in px (oiiotex:rho), its number of labels (oiiotex:labels) and their parents in order
+    (oiiotex:parents: a comma between labels, a space between the parents of one, the main parent first).
     """
 
     example: ClassVar[str] = """\
@@ -54,7 +56,7 @@ class Label(OnePart, InLab, ScanThenMap):
         ),
         Output("fit.N", Kind.MEASURE, "Fit F / max F at level N, a channel for each label.", asked_by="membership"),
         Output("cryptomatte", Kind.CRYPTOMATTE, "All levels as Cryptomatte.", asked_by="cryptomatte"),
-        Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their tree.", asked_by="facts"),
+        Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their parents.", asked_by="facts"),
     )
 
     source: Image = image(help="Image to segment.")
@@ -80,13 +82,22 @@ class Label(OnePart, InLab, ScanThenMap):
         unset="chosen by the filter",
         help="Maximum number of subtextures in the coarsest level.",
     )
+    compactness: float | None = param(
+        None,
+        example="10",
+        ge=0.1,
+        le=100,
+        advanced=True,
+        unset="1.25 times the photo's contrast, from 2 to 20",
+        help=COMPACTNESS_HELP,
+    )
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),
-        help="Settings of the paper (LSA16): persistence=0.95:coarsest=none, moments as features, the best of ten SLIC"
-        " runs, superpixels of at least 25 px, five additional random starts, a level only where it splits all"
-        " superpixels of the coarser one, the same persistence at all levels, and labels split wherever a coarser"
-        " border crosses them."
+        help="Settings of the paper (LSA16): persistence=0.95:coarsest=none:compactness=20, moments as features,"
+        " the best of ten SLIC runs, superpixels of at least 25 px, five additional random starts, a level only where"
+        " it splits all superpixels of the coarser one, the same persistence at all levels, and labels split wherever a"
+        " coarser border crosses them."
         " authors: the program that the authors published, which has at least two levels, and scales up to 30 % of the"
         " longer side instead of 20 % of the shorter one.",
     )
@@ -104,10 +115,10 @@ class Label(OnePart, InLab, ScanThenMap):
     palette: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
     onepart: bool = param(False, advanced=True, help=SINGLE)
     facts: Path | None = param(
-        None, example="facts.json", help="File for scales, number and areas of labels, and their tree."
+        None, example="facts.json", help="File for scales, number and areas of labels, and their parents."
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"persistence": 0.95, "coarsest": "none"}
+    PAPER: ClassVar[dict[str, Any]] = {"persistence": 0.95, "coarsest": "none", "compactness": 20.0}
 
     def plan(self, facts: Facts) -> Plan:
         """The names of labels, and the settings."""
@@ -141,9 +152,11 @@ class Label(OnePart, InLab, ScanThenMap):
 
             coarsest.append(superpixel_materials)
         maps = label_maps(
-            self.source, lens, session.resources, session.progress, "moments" if self.paper else "textons", settings,
-            runs=10 if self.paper else 1, minsize=25 if self.paper else None, coarsest=coarsest,
+            self.source, lens, session.resources, session.progress, "moments" if self.paper else "both", settings,
+            runs=10 if self.paper else 1, minsize=25 if self.paper else None,
+            compactness=self.compactness, coarsest=coarsest,
         )  # fmt: skip
+        self.inform("compactness=%g", maps.superpixels.compactness)
         for n, level in enumerate(maps.levels, 1):
             self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)
         first, levels = self.source.first, range(1, len(maps.levels) + 1)
@@ -164,13 +177,13 @@ def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
 
     level = maps.levels[n - 1]
     part = superpixels.label_part(like, maps.superpixels.runs.relabeled(level.labels - 1))
-    return LabelMap.of(part, n, level.parents.tolist(), level.scale)
+    return LabelMap.of(part, n, level.parents, level.scale)
 
 
 def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
     """Membership G_ci or fit F_ic / max_j F_jc of level n, one channel per label (LSA16 section 4.2).
 
-    They apply to the level's labels before these are intersected with coarser labels.
+    With `paper` they apply to the level's labels before these are intersected with coarser labels.
     """
     from ..analysis.superpixels import superpixels
 
@@ -201,8 +214,8 @@ def _facts(maps: LabelMaps) -> dict[str, Any]:
             "rho": level.scale,
             "superpixels": len(level.features),
             "labels": [
-                {"id": i, "parent": int(parent), "pixels": int(area)}
-                for i, (parent, area) in enumerate(zip(level.parents, areas, strict=True), 1)
+                {"id": i, "parents": list(parents), "pixels": int(area)}
+                for i, (parents, area) in enumerate(zip(level.parents, areas, strict=True), 1)
             ],
         }
 

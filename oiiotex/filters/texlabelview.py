@@ -27,9 +27,11 @@ class LabelView(ScanThenMap):
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
     Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label
-    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo
-    and with borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The
-    result is an 8-bit sRGB image, subsampled from the labels, for display, not for measurement.
+    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and
+    with borders. A label's color is close to that of its main parent, and its largest part has the same one. The tree
+    has the coarsest labels at its top; the width of a node is the area of its label, and lines to parents other than
+    the main one are faint. The result is an 8-bit sRGB image, subsampled from the labels, for display, not for
+    measurement.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", photo=True))'

@@ -103,7 +103,7 @@ class Palette(LabeledExemplar, InBands):
             raise ImageError(f"no pixel of {self.exemplar.source} is opaque and has a label")
         below = [] if finer is None else Legend(finer, areas_of(finer, pixels.usable)).entries()
         for entry in shown:
-            entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
+            entry["children"] = [e["id"] for e in below if entry["id"] in e["parents"]]
         if len(shown) > self.maxlabels:
             self.warn("only %d of the %d labels of %s are shown", self.maxlabels, len(shown), labels.part.name)
         shown = shown[: self.maxlabels]

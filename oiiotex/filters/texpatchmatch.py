@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from ..engine.core.image import Image
 from ..engine.core.op import Plan
-from ..engine.core.parameters import Numbers, Words
+from ..engine.core.parameters import Numbers, Words, param
 from ..engine.session import Session
-from ..synthesis.exemplar.patch_synthesis import PatchSynthesis
-from ..synthesis.patchmatch.recipe import Recipe
+from ..synthesis.exemplar.patch_synthesis import PATCH, PatchSynthesis
+from ..synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +30,17 @@ class PatchMatch(PatchSynthesis):
     kinds: ClassVar[Words | None] = None  # type: ignore[misc]
     mapweights: ClassVar[Numbers | None] = None  # type: ignore[misc]
 
+    paper: bool = param(
+        False,
+        advanced=True,
+        help="Settings of the paper (MJH17), for comparison: patch=11, and the paper's pyramid and iterations.",
+    )
+
+    @property
+    def side(self) -> int:
+        """Side of a patch, px."""
+        return self.patch or (PAPER_PATCH if self.paper else PATCH)
+
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile and its source coordinates, as one mapping for each map and variant."""
         from ..synthesis.exemplar.synthesis_run import synthesized  # not needed for help
@@ -38,4 +49,4 @@ class PatchMatch(PatchSynthesis):
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without the stationarity projection; the photo's histogram is matched at first."""
-        return self._recipe(width, height, None, 1.0, False)
+        return replace(self._recipe(width, height, None, 1.0, False), literal=self.paper)

@@ -32,9 +32,8 @@ from ..synthesis.exemplar.presets import (
     masked,
 )
 from ..synthesis.layout.limits import require_layout
-from ..synthesis.patchmatch.recipe import Recipe
+from ..synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
 
-PAPER_PATCH = 11
 _DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthesis
 
 

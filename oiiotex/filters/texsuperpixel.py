@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..analysis.superpixels.hierarchy import Hierarchy, hierarchy
 from ..analysis.superpixels.superpixels import (
-    COMPACTNESS,
+    COMPACTNESS_HELP,
     LEAST_SIGMA,
     Superpixels,
     label_part,
@@ -71,21 +71,29 @@ class Superpixel(InLab, ScanThenMap):
         help="Scale of the smallest superpixels, from which coarser ones are merged. Reduce it if thin details are"
         " lost.",
     )
-    compactness: float = param(
-        COMPACTNESS,
+    compactness: float | None = param(
+        None,
+        example="10",
         ge=0.1,
         le=100,
-        help="Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for"
-        " rounder superpixels.",
+        unset="1.25 times the photo's contrast, from 2 to 20",
+        help=COMPACTNESS_HELP,
+    )
+    paper: bool = param(
+        False,
+        help="Settings of the paper (LSA16 section 3): compactness=20, the best of ten SLIC runs, superpixels of at"
+        " least 25 px, and seeds of large images refined on all pixels.",
     )
     photo: bool = param(False, help="Keep the image as the first part, followed by the label map.")
+
+    PAPER: ClassVar[dict[str, Any]] = {"compactness": 20.0}
 
     def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared output."""
         if self.sigma is not None and self.count is not None:
             raise ParameterError("sigma conflicts with count; set only one of them")
         color_to_convert(self.source, facts, self.working_space)
-        require_superpixels(self.source.first, facts, self.sigmamin, self.compactness)
+        require_superpixels(self.source.first, facts, self.sigmamin, self.paper)
         return Plan()
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
@@ -94,13 +102,14 @@ class Superpixel(InLab, ScanThenMap):
         lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
             self.source, lens, resources, sigma=self.sigmamin, compactness=self.compactness,
+            runs=10 if self.paper else 1, minsize=25 if self.paper else None, literal=self.paper,
             powers=False, advance=progress.advance,
         )  # fmt: skip
         sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:
             sigma, partition = self._level(finest, hierarchy(finest, resources))
         count = int(partition.max(initial=-1)) + 1
-        self.inform("%d superpixels of scale %.1f px", count, sigma)
+        self.inform("%d superpixels of scale %.1f px, compactness=%g", count, sigma, finest.compactness)
         part = label_part(self.source.first, finest.runs.relabeled(partition))
 
         def mark(spec: oiio.ImageSpec) -> None:

@@ -47,7 +47,7 @@ def test_superpixels_behind_their_photo_are_shown(folder):
 @pytest.mark.slow
 def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder):
     labels = view(folder, "photo.png", "--texlabel:photo=1")
-    both = view(folder, "photo.png", "--texsuperpixel:photo=1", "--texlabel:photo=1")
+    both = view(folder, "photo.png", "--texsuperpixel:count=40:photo=1", "--texlabel:photo=1")
     count = len(filters.label(buffer(quarters(128)[0])))
     panels = 1 + count  # photo and levels, three in a row; then superpixels
     assert both.shape[1] - labels.shape[1] in ((0,) if panels >= 3 else (220 + 12,))

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
+from oiiotex import filters
 from oiiotex.analysis.superpixels.slic import SeedGrid, Slic, candidates, centers_of
 from oiiotex.analysis.superpixels.superpixels import Superpixels, superpixels
 from oiiotex.engine.color import lab_on_device
@@ -15,8 +18,9 @@ from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.color.lab_on_device import Band, LabGrid
 from oiiotex.engine.core.image import Image, from_pixels
 from oiiotex.engine.core.window import Window
-from oiiotex.engine.errors import BrokenValues, ImageError
+from oiiotex.engine.errors import BrokenValues, ImageError, ParameterError
 from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.resources import Resources
 from tests import pictures
@@ -163,8 +167,44 @@ def test_superpixels_are_connected_and_their_statistics_are_those_of_their_pixel
     assert sorted(pairs) == [tuple(e) for e in made.edges.tolist()]
     means = made.power_sums[..., 0] / made.sizes[:, None]
     place = (x.ravel() - made.positions[flat, 0]) ** 2 + (y.ravel() - made.positions[flat, 1]) ** 2
-    eq3 = ((lab - means[flat]) ** 2).sum() + (20 / made.sigma) ** 2 * place.sum()
+    eq3 = ((lab - means[flat]) ** 2).sum() + (made.compactness / made.sigma) ** 2 * place.sum()
     assert made.error() == pytest.approx(eq3, rel=1e-9)
+
+
+@pytest.mark.parametrize("contrast", [0.05, 0.2, 1.0])
+def test_superpixels_are_as_compact_as_the_photo_has_contrast(any_lanes, contrast):
+    """By the median of exact deviations, whatever the lanes; a line that spells it out gives the same superpixels."""
+    photo = 0.25 + contrast * (PHOTO - 0.25)
+    made, lab = found(any_lanes, photo, sigma=8.0), grid_values(any_lanes, photo)[..., :3] / 8.0
+    grid = SeedGrid.of(117, 83, 8.0, 20.0)
+    cells = [
+        lab[top:bottom, left:right].reshape(-1, 3)
+        for top, bottom in itertools.pairwise(grid.edges(0))
+        for left, right in itertools.pairwise(grid.edges(1))
+    ]
+    median = np.median([np.sqrt(cell.var(0).sum()) for cell in cells])
+    assert made.compactness == min(max(round(2.5 * median) / 2.0, 2.0), 20.0)
+    spelled_out = found(any_lanes, photo, sigma=8.0, compactness=made.compactness)
+    np.testing.assert_array_equal(made.runs.label, spelled_out.runs.label)
+
+
+def test_paper_is_lsa16_section_3(device):
+    op = filters.op_named("superpixel")(source=image_of(PHOTO), paper=True, sigmamin=8)
+    resources = Session().resources
+    made = superpixels(
+        op.source,
+        lens_of(op.source, resources),
+        resources,
+        sigma=8.0,
+        compactness=20.0,
+        runs=10,
+        minsize=25,
+        literal=True,
+    )
+    ids = run(op, Session())[0].image.first.pixels()
+    np.testing.assert_array_equal(ids, made.labels.pixels())
+    with refused(ParameterError, parameter="compactness", value=5.0, problem="conflicts with paper=1"):
+        filters.op_named("superpixel")(source=op.source, paper=True, compactness=5.0)
 
 
 def test_powers_of_hdr_are_exact(any_lanes):

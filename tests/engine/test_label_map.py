@@ -24,24 +24,27 @@ def test_levels_come_from_names_finest_first():
 
 
 def test_the_coarsest_level_with_several_labels_is_opened():
-    one, two, unknown = (LabelMap.of(part("any", np.ones((2, 3))), n, [0] * n) for n in (1, 2, 0))
+    one, two, unknown = (LabelMap.of(part("any", np.ones((2, 3))), n, [()] * n) for n in (1, 2, 0))
     assert opened_level({1: two, 2: two, 3: one}) == 2
     assert opened_level({1: one, 2: one}) == 2 and opened_level({1: two, 2: unknown}) == 2
 
 
 def test_what_is_said_is_read_back():
-    one = LabelMap.of(part("any", np.array([[1, 2, 2]])), 3, [7, 0], 12.5)
+    one = LabelMap.of(part("any", np.array([[1, 2, 2]])), 3, [(7, 3), ()], 12.5)
     again = label_maps(Image((one.part,)))[3]
     assert (again.part.name, again.count, again.scale, again.name(2)) == ("label.3", 2, 12.5, "label.3/2")
-    assert again.parents(4).tolist() == [7, 0, 0, 0] and again.parents(1).tolist() == [7]
+    assert again.part.spec["oiiotex:parents"] == "7 3,0"
+    assert again.parents(4) == [[7, 3], [], [], []] and again.parents(1) == [[7, 3]]
     plain = LabelMap(part("label.1", np.ones((2, 2))), 1)
-    assert (plain.count, plain.scale, plain.parents(2).tolist()) == (0, 0.0, [0, 0])
+    assert (plain.count, plain.scale, plain.parents(2)) == (0, 0.0, [[], []])
 
 
 def test_a_legend_counts_what_is_opaque_the_largest_first():
     ids = np.array([[1, 2, 2, 0], [3, 2, 4, 4]])
-    legend = Legend.of(LabelMap.of(part("label.1", ids), 1, [1, 1, 2, 2]), np.array([[1, 1, 1, 1], [0, 1, 1, 1]], bool))
+    legend = Legend.of(
+        LabelMap.of(part("label.1", ids), 1, [(1,), (1,), (2, 1), (2,)]), np.array([[1, 1, 1, 1], [0, 1, 1, 1]], bool)
+    )
     entries = legend.entries()
-    assert [(e["id"], e["area"], e["parent"]) for e in entries] == [(2, 3, 1), (4, 2, 2), (1, 1, 1)]
+    assert [(e["id"], e["area"], e["parents"]) for e in entries] == [(2, 3, [1]), (4, 2, [2]), (1, 1, [1])]
     assert [code_of(e["color"]) for e in entries] == codes_of(np.array([2, 4, 1])).tolist()
     assert color_of(code_of("1,22,255")) == "1,22,255"

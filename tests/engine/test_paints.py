@@ -150,7 +150,7 @@ def test_names_that_do_not_fit_are_refused(tmp_path, table, said):
 
 
 def test_names_that_a_file_brings_are_not_trusted():
-    labels = LabelMap.of(part("label.1", np.array([[1, 2]])), 1, [0, 0])
+    labels = LabelMap.of(part("label.1", np.array([[1, 2]])), 1, [(), ()])
     for text in ("{", "7", '[1, null, {"a": 1}]', "[" * 9999):
         stranger = LabelMap(labels.part.respecced(lambda spec, text=text: spec.attribute("oiiotex:names", text)), 1)
         assert [stranger.name(n) for n in (1, 2)] == ["label.1/1", "label.1/2"]

@@ -128,7 +128,7 @@ def test_threads_do_not_show(device):
 
 
 def test_where_they_settle_hardly_changes_what_they_are(device):
-    squares, pixels = (found(device, PHOTO, sigma=33.0, literal=literal) for literal in (False, True))
+    squares, pixels = (found(device, PHOTO, sigma=33.0, compactness=20.0, literal=literal) for literal in (False, True))
     assert squares.error() <= 1.02 * pixels.error()
     assert (squares.labels.pixels() != pixels.labels.pixels()).any()
     checks(squares, HEIGHT * WIDTH)
@@ -142,7 +142,7 @@ def test_literally_every_iteration_looks_at_all_pixels(device):
     lens, grid = lens_of(image, resources), SeedGrid.of(WIDTH, HEIGHT, 40.0, 20.0)
     with LabGrid(image, lens, resources) as held, Slic(held, grid, resources) as slic:
         slots = np.concatenate([slots_of(device, held, *given) for given in slic.slots(slic.iterate(1000))])
-    made = superpixels(image, lens, resources, sigma=40.0, literal=True, minsize=1)
+    made = superpixels(image, lens, resources, sigma=40.0, compactness=20.0, literal=True, minsize=1)
     seeds = (grid.cells(0)[:, None] + slots // 3 - 1) * grid.across + grid.cells(1) + slots % 3 - 1
     pieces = pieces_of([Strip.of(seeds.astype(np.int32))], HEIGHT)
     np.testing.assert_array_equal(made.labels.pixels()[..., 0], pieces.runs.pixels(0, HEIGHT, 0, WIDTH) + 1)

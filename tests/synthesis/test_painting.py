@@ -79,7 +79,7 @@ def test_the_json_says_what_there_is(palette):
     assert {e["id"]: (e["area"], e["children"]) for e in facts["labels"]} == {
         1: (SIDE**2 // 2, [1, 2]), 2: (SIDE**2 // 2, [3, 4]),
     }  # fmt: skip
-    assert {e["id"]: e["parent"] for e in facts["finer"]} == {1: 1, 2: 1, 3: 2, 4: 2}
+    assert {e["id"]: e["parents"] for e in facts["finer"]} == {1: [1], 2: [1], 3: [2], 4: [2]}
     assert [e["name"] for e in facts["labels"]] == ["label.2/1", "label.2/2"]
     for entry in facts["finer"]:  # the color is that in which --texlabelview shows the label
         shown = colored(np.full((1, 1), entry["id"]), None, 1.0)[0, 0]

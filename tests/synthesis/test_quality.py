@@ -57,6 +57,16 @@ def test_photos_become_more_stationary_than_toroidal_patchmatch_makes_them():
     assert np.median(ratios) < 0.55
 
 
+def test_the_papers_baseline_has_its_patches_and_its_pyramid():
+    photo = from_buffer(measures.load(sorted((data_folder() / "photos").iterdir())[0], 64))
+    ours, papers, small = (
+        filters.op_named("patchmatch")(exemplar=photo, **given).recipe(64, 64)
+        for given in ({}, {"paper": True}, {"paper": True, "patch": 5})
+    )
+    assert (papers.patch, papers.literal, small.patch) == (11, True, 5) and not ours.literal
+    assert papers.sigma is ours.sigma is None
+
+
 def test_the_default_keeps_what_photos_are_made_of():
     """Of the photos in the data all but a barrel's side are textures; a brick wall in perspective is not in them."""
     session, found = Session(), {}

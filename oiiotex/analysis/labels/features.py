@@ -23,8 +23,9 @@ from ...engine.session.resources import Resources
 from ..superpixels.superpixels import Superpixels
 from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
 
-KINDS = ("textons", "moments", "gabor", "quadtree")
+KINDS = ("both", "textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
+_TEXTURED = 2.0 * max(WAVES)  # px of the reduced image: scale from which a superpixel shows the texture inside it
 _UNIT = 100.0  # sum of a squared histogram: its distances are of the order of those of Lab
 _POOLED = 0.5  # sigma, in scales of a superpixel, over which neighbors' textons are pooled
 _NEAR = 2.5  # sigmas at which pooling ends
@@ -35,7 +36,10 @@ Features = Callable[[np.ndarray], np.ndarray]
 
 
 def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources: Resources) -> Features:
-    """The feature function of a kind, for all levels of a hierarchy."""
+    """The feature function of a kind, for all levels of a hierarchy; both: `_by_scale`."""
+    if kind == "both":
+        fine, coarse = (features_of(one, superpixels, small, resources) for one in ("moments", "textons"))
+        return _by_scale(fine, coarse, superpixels.sizes, _TEXTURED * small.factor)
     if kind == "moments":
         return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
     if kind == "quadtree":
@@ -50,6 +54,20 @@ def grouped(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     m = int(groups.max()) + 1
     columns = values.reshape(len(values), -1).T
     return np.stack([np.bincount(groups, column, m) for column in columns], axis=1).reshape(m, *values.shape[1:])
+
+
+def _by_scale(fine: Features, coarse: Features, sizes: np.ndarray, scale: float) -> Features:
+    """`fine` for superpixels below a scale in px, else `coarse`.
+
+    A superpixel smaller than the filters of textons takes theirs from its surroundings, which blurs thin patterns such
+    as joints; its own colors do not. Larger ones differ in texture more than in color.
+    """
+    area = float(sizes.sum())
+
+    def features(groups: np.ndarray) -> np.ndarray:
+        return (fine if area < scale * scale * (int(groups.max()) + 1) else coarse)(groups)
+
+    return features
 
 
 def moments(power_sums: np.ndarray, sizes: np.ndarray, groups: np.ndarray) -> np.ndarray:

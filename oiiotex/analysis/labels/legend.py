@@ -18,6 +18,7 @@ from ...engine.io.documents import read_document
 
 _DISTINCT = 48  # distinct colors; further labels reuse them, shifted
 _MOVES = 13  # of 255: maximum shift of a channel of a reused color, less than half a step of the color grid
+_HUE_STEPS = (250, 1000, 1000)  # per unit of Oklab, where hue counts more than lightness
 # linear Rec. 709 as seen by deuteranopes, protanopes and tritanopes: Machado, Oliveira, Fernandes 2009, severity 1
 _BLIND = (
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -49,7 +50,7 @@ class Legend:
                 "name": self.labels.name(label),
                 "color": color_of(code),
                 "area": int(self.areas[label]),
-                "parent": int(parents[label - 1]),
+                "parents": parents[label - 1],
             }
             for label, code in zip(ids, codes_of(np.array(ids, np.int64)).tolist(), strict=True)
         ]
@@ -154,6 +155,21 @@ def colors_of(ids: np.ndarray) -> np.ndarray:
     """Display colors of labels: sRGB 0 to 1, (..., 3); label 0 is black."""
     palette = np.concatenate([np.zeros((1, 3)), distinct_colors()])
     return palette[np.where(ids > 0, (ids - 1) % _DISTINCT + 1, 0)]
+
+
+def numbers_by_color(sizes: np.ndarray, parents: np.ndarray) -> np.ndarray:
+    """Ids 1 to n for n labels, (n,), so that a label's color has the hue of its parent's as far as colors allow.
+
+    The largest label chooses first, so a parent's main child has its id. `sizes` (n,): any unit; `parents` (n,): ids.
+    """
+    ids = np.arange(1, len(sizes) + 1)
+    own, above = (np.rint(oklab_of(codes_of(labels)) * _HUE_STEPS).astype(np.int64) for labels in (ids, parents))
+    numbers, free = np.zeros_like(ids), np.ones(len(ids), bool)
+    for label in np.argsort(-sizes, kind="stable"):
+        away = ((own - above[label]) ** 2).sum(1)
+        numbers[label] = ids[free][away[free].argmin()]
+        free[numbers[label] - 1] = False
+    return numbers
 
 
 @functools.cache

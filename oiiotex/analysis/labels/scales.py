@@ -11,11 +11,12 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
 4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
 5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of the sampled
    superpixels nearest to them.
-6. The paper splits a label wherever a coarser border crosses it, which leaves rings of small fragments where borders of
-   two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
-   contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
+6. The paper splits a label wherever a coarser border crosses it: joints that run through five coarser labels become
+   five labels, and rings of fragments arise where borders of two levels differ slightly. Here a label stays whole and
+   has several parents: the coarser labels that contain at least `_PART` of it, or consist of it to that part. A
+   superpixel in no parent of its label takes the most likely label that has its parent (`literal`: the paper). In
    addition, G is smoothed over neighbors by a Potts step.
-7. A level that equals the next finer one, and a coarsest level of a single label, are dropped.
+7. A level that equals the next finer one, and levels of a single label, are dropped.
 8. The factorization has no restarts (`stochastic_nmf`).
 
 `literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large images
@@ -45,6 +46,7 @@ from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, require_superpixels, superpixels
 from .affinity_graph import NEIGHBORS, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
+from .legend import numbers_by_color
 from .potts import UNLIKELY, settled
 from .random_walk import PERSISTENCE, SLOWEST, Walk
 from .stochastic_nmf import Factors, factored
@@ -55,7 +57,7 @@ _DESCRIBED, _LABELED = 550, 800  # time for each superpixel, in that of cutting 
 _NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
 AUTHORS_COARSEST = 0.3  # of the longer side: the coarsest scale of the authors' program
-_PART = 0.25  # least proportion of a label in a coarser one for it to be a child of that
+_PART = 0.05  # of a label in a coarser one, or of that in the label, from which the coarser one is a parent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +85,8 @@ class LabelLevel:
         Superpixel at this level for each finest superpixel, 0 to m - 1.
     labels : (n,) int64
         Label of each finest superpixel, 1 to count; none is empty.
-    parents : (count,) int64
-        Label of the next coarser level that contains label i + 1; 0 at the coarsest.
+    parents : count tuples of int
+        Labels of the next coarser level that contain label i + 1, most of it first; none at the coarsest.
     features : (m, d)
     F : (m, r)
         Distribution of the walk from each label; divided by its column's maximum, the fit of each superpixel.
@@ -96,7 +98,7 @@ class LabelLevel:
     groups: np.ndarray
     labels: np.ndarray
     count: int
-    parents: np.ndarray
+    parents: tuple[tuple[int, ...], ...]
     features: np.ndarray
     F: np.ndarray
     G: np.ndarray
@@ -123,11 +125,12 @@ def label_maps(
     lens: Lens,
     resources: Resources,
     progress: Progress,
-    features: str = "textons",
+    features: str = "both",
     settings: LabelSettings | None = None,
     *,
     runs: int = 1,
     minsize: int | None = None,
+    compactness: float | None = None,
     coarsest: Sequence[Callable[[Superpixels, SmallLab, Resources], np.ndarray]] = (),
 ) -> LabelMaps:
     """Label maps of the image's first part.
@@ -137,7 +140,7 @@ def label_maps(
     image, lens
     features : str
         One of `features.KINDS`.
-    runs, minsize
+    runs, minsize, compactness
         As for `superpixels`.
     coarsest : sequence of callable
         Each gives a separate coarser level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
@@ -158,8 +161,8 @@ def label_maps(
     )
     with resources.stats.time("superpixels"):
         finest = superpixels(
-            image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
-            advance=cutting.advance, literal=settings.literal, powers=features == "moments",
+            image, lens, resources, sigma=sigma, compactness=compactness, runs=runs, seed=settings.seed,
+            minsize=minsize, advance=cutting.advance, literal=settings.literal, powers=features in ("both", "moments"),
         )  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
@@ -218,8 +221,7 @@ def label_levels(
     """
     levels = _bottom_up(hierarchy, features, settings, edges, resources)
     levels += [_given(hierarchy, features, top) for top in coarsest()]
-    tree = top_down(levels, settings.literal)
-    return tree if settings.literal else distinct(tree)
+    return top_down(levels, settings.literal)
 
 
 # --- one scale ---
@@ -240,15 +242,18 @@ def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: 
     walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
     factors = factored(walk, resources, settings.seed, settings.tries, settings.literal)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
-    return _without_empty(F, G, factors.error)
+    return _without_empty(Factors(F, G, factors.error))
 
 
-def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
-    """Remove labels that are the most likely one of no node, and renormalize."""
-    used = np.unique(G.argmax(0))
-    kept = G[used]
-    kept = kept / np.maximum(kept.sum(0), 1e-300)
-    return Factors(F[:, used], kept, error)
+def _without_empty(factors: Factors) -> Factors:
+    """Without labels that are the most likely one of no node."""
+    return _only(factors, np.unique(factors.G.argmax(0)))
+
+
+def _only(factors: Factors, used: np.ndarray) -> Factors:
+    """Some of the labels, renormalized."""
+    kept = factors.G[used]
+    return Factors(factors.F[:, used], kept / np.maximum(kept.sum(0), 1e-300), factors.error)
 
 
 def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
@@ -261,7 +266,7 @@ def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, 
     G = small.G[:, near].mean(2)
     F = small.F[near].mean(1)
     G[:, chosen], F[chosen] = small.G, small.F
-    return _without_empty(F / F.sum(0), G, small.error)
+    return _without_empty(Factors(F / F.sum(0), G, small.error))
 
 
 # --- bottom-up ---
@@ -292,11 +297,12 @@ def _level(
 ) -> LabelLevel:
     groups = hierarchy.partition(at)
     values = features(groups)
-    factors = labeled(values, settings, level, resources)
-    count, likely = len(factors.G), factors.G[:, groups]
+    factors, scale = labeled(values, settings, level, resources), float(hierarchy.sigmas[at])
+    likely = factors.G[:, groups]
     labels = likely.argmax(0) if settings.literal else settled(likely, edges, resources)
-    scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)
-    return LabelLevel(scale, groups, labels + 1, count, parents, values, factors.F, factors.G)
+    used, labels = np.unique(labels, return_inverse=True)
+    factors = _only(factors, used)
+    return LabelLevel(scale, groups, labels + 1, len(used), (), values, factors.F, factors.G)
 
 
 def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> LabelLevel:
@@ -304,8 +310,7 @@ def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> Labe
     groups, count = np.arange(len(labels), dtype=np.int32), int(labels.max()) + 1
     G = (labels == np.arange(count)[:, None]).astype(np.float64)
     F = (G / G.sum(1, keepdims=True)).T
-    scale, parents = float(hierarchy.sigmas[-1]), np.zeros(count, np.int64)
-    return LabelLevel(scale, groups, labels + 1, count, parents, features(groups), F, G)
+    return LabelLevel(float(hierarchy.sigmas[-1]), groups, labels + 1, count, (), features(groups), F, G)
 
 
 def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float, given: bool) -> int | None:
@@ -335,44 +340,58 @@ def _mixed_share(groups: np.ndarray, labels: np.ndarray) -> float:
 
 
 def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLevel, ...]:
-    """LSA16 algorithm 2: intersect each label with those of the next coarser level; see departure 6."""
-    intersected: list[LabelLevel] = []
-    above = np.zeros(len(levels[-1].labels), np.int64)
-    for level in reversed(levels):
-        own = level.labels - 1 if literal or not intersected else _within(above, level)
-        pairs, labels = np.unique(np.stack([above, own], axis=1), axis=0, return_inverse=True)
-        above = labels.reshape(-1) + 1
-        intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
-    return tuple(reversed(intersected))
+    """Levels, given finest first, whose labels know their parents; see departures 6 and 7.
 
-
-def distinct(tree: tuple[LabelLevel, ...]) -> tuple[LabelLevel, ...]:
-    """Levels that differ from each other, the coarsest with at least two labels unless there is no such level.
-
-    Of equal levels, which are those of equal counts in a tree, the finest is kept, with the parents of the coarsest.
+    `literal`: LSA16 algorithm 2, which intersects each label with those of the next coarser level.
     """
-    kept: list[LabelLevel] = []
-    for level in tree:
-        if kept and kept[-1].count == level.count:
-            kept[-1] = replace(kept[-1], parents=level.parents)
-        else:
-            kept.append(level)
-    if len(kept) > 1 and kept[-1].count == 1:
-        kept[-2:] = [replace(kept[-2], parents=np.zeros_like(kept[-2].parents))]
-    return tuple(kept)
+    if not literal:
+        levels = [level for level in levels if level.count > 1] or levels[:1]
+    tree: list[LabelLevel] = []  # coarsest first
+    for level in reversed(levels):
+        if tree and not literal and _are_equal(level, tree[-1]):
+            tree.pop()
+        tree.append((_intersected if literal else _placed)(level, tree[-1] if tree else None))
+    return tuple(reversed(tree))
 
 
-def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
-    """For each superpixel a label that is a child of its coarser label, (n,) 0 to r - 1."""
-    own = level.labels - 1
-    table = np.zeros((above.max() + 1, len(level.G)))
-    np.add.at(table, (above, own), 1.0)
-    whole = np.maximum(table.sum(0), 1.0)
-    child = (table >= _PART * whole) & (table > 0)
-    child[table.argmax(0), np.arange(len(whole))] = table.max(0) > 0
-    childless = np.flatnonzero(~child.any(1))
-    child[childless, table[childless].argmax(1)] = True
-    outside = np.flatnonzero(~child[above, own])
-    likely = level.G[:, level.groups[outside]].T + 1e-9 * table[above[outside]] + UNLIKELY
-    own[outside] = np.where(child[above[outside]], likely, 0.0).argmax(1)
-    return own
+def _intersected(level: LabelLevel, above: LabelLevel | None) -> LabelLevel:
+    coarse = np.zeros(len(level.labels), np.int64) if above is None else above.labels
+    pairs, labels = np.unique(np.stack([coarse, level.labels], axis=1), axis=0, return_inverse=True)
+    parents = tuple((coarse,) if coarse else () for coarse in pairs[:, 0].tolist())
+    return replace(level, labels=labels.reshape(-1) + 1, count=len(pairs), parents=parents)
+
+
+def _are_equal(level: LabelLevel, other: LabelLevel) -> bool:
+    """Whether both have the same labels, whatever their numbers."""
+    pairs = len(np.unique(level.labels * (other.count + 1) + other.labels))
+    return pairs == level.count == other.count
+
+
+def _placed(level: LabelLevel, above: LabelLevel | None) -> LabelLevel:
+    """The level with the parents of its labels; a superpixel outside of those takes the most likely label inside.
+
+    Labels are renumbered so that their colors are close to those of their main parents.
+    """
+    if above is None:
+        return replace(level, parents=((),) * level.count)
+    own, coarse = level.labels - 1, above.labels - 1
+    table = np.zeros((above.count, level.count))
+    np.add.at(table, (coarse, own), 1.0)
+    inside = (table >= _PART * table.sum(0)) | (table >= _PART * table.sum(1, keepdims=True))
+    inside &= table > 0
+    inside[table.argmax(0), np.arange(level.count)] = inside[np.arange(above.count), table.argmax(1)] = True
+    moved = np.flatnonzero(~inside[coarse, own])
+    likely = level.G[:, level.groups[moved]].T + 1e-9 * table[coarse[moved]] + UNLIKELY
+    labels = level.labels.copy()
+    labels[moved] = np.where(inside[coarse[moved]], likely, 0.0).argmax(1) + 1
+    most = np.argsort(-table, axis=0, kind="stable")
+    parents = [tuple((most[inside[most[:, n], n], n] + 1).tolist()) for n in range(level.count)]
+    order = numbers_by_color(table.sum(0), most[0] + 1).argsort()
+    number = order.argsort() + 1
+    return replace(
+        level,
+        labels=number[labels - 1],
+        parents=tuple(parents[n] for n in order),
+        F=level.F[:, order],
+        G=level.G[order],
+    )

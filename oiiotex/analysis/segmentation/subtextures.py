@@ -313,7 +313,7 @@ def label_map_of(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMa
     spec = label_spec(like.spec)
     spec.attribute("oiiotex:samples", split.samples)  # regions or places before grouping
     part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
-    return LabelMap.of(part, 1, [0] * split.count)
+    return LabelMap.of(part, 1, [()] * split.count)
 
 
 def facts_of(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:

@@ -10,9 +10,11 @@ where this step does not exist.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lab_on_device import Band
 from ...engine.deferred import np
 from ...engine.opencl.buffers import Buffers
@@ -29,6 +31,24 @@ class Reduced:
 
     side: int  # of a square, px
     sums: np.ndarray  # (down, across, 4) int32: L, a, b in steps of 1/8, and number, of a square's opaque pixels
+
+    def contrast(self, rows: np.ndarray, columns: np.ndarray) -> float:
+        """Median over cells of the standard deviation of Lab in a cell, Lab units; sums are exact integers.
+
+        `rows`, `columns`: first square of every cell, and the end. 0 if nothing is opaque.
+        """
+        deviations = [np.zeros(0)]
+        for top, bottom in itertools.pairwise(rows.tolist()):
+            count = self.sums[top:bottom, :, 3]
+            known = count > 0
+            lab = self.sums[top:bottom, :, :3] // np.maximum(count, 1)[..., None]
+            values = np.concatenate([lab, lab.astype(np.int64) ** 2, known[..., None]], -1).sum(0)
+            sums = np.add.reduceat(values, columns[:-1])  # cells x (L, a, b, their squares, number)
+            n = sums[:, 6]
+            spread = n * sums[:, 3:6].sum(1) - (sums[:, :3] ** 2).sum(1)
+            deviations.append(np.sqrt(spread[n > 0]) / n[n > 0])
+        known_cells = np.concatenate(deviations)
+        return float(np.median(known_cells)) / FINE_STEPS if len(known_cells) else 0.0
 
 
 class LabelSquares:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...engine.color.lab_grid import FINE_STEPS
@@ -32,6 +32,12 @@ from .slic import NINE, NONE, SeedGrid, Slic, least_bytes, refined_slots
 from .squares import WIDEST, LabelSquares, Reduced
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
+LEAST_COMPACTNESS = 2.0  # by default, Lab units per sigma: below, noise decides
+_PER_CONTRAST = 1.25  # compactness per median deviation of Lab in a cell
+COMPACTNESS_HELP = (
+    "Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for rounder"
+    " superpixels, reduce it for borders that follow faint edges."
+)
 FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4
 LEAST_SIGMA = 4.0  # px; smaller superpixels have no pattern
 ITERATIONS = 1000
@@ -60,6 +66,8 @@ class Superpixels:
         a < b, 0-based: superpixels with a common border (4-connectivity).
     sigma : float
         Scale sigma_1, px.
+    compactness : float
+        m of eq. 1, Lab units per sigma.
     runs : Runs
         The label map, 0-based.
     """
@@ -71,6 +79,7 @@ class Superpixels:
     power_sums: np.ndarray | None
     edges: np.ndarray
     sigma: float
+    compactness: float
     runs: Runs
     reduced: Reduced
 
@@ -79,7 +88,7 @@ class Superpixels:
         """n."""
         return len(self.sizes)
 
-    def error(self, compactness: float = COMPACTNESS) -> float:
+    def error(self) -> float:
         """LSA16 eq. 3: the sum over pixels of the squared distance (eq. 1) to the mean of their superpixel, Lab^2."""
         n = self.sizes[:, None]
         sums = present(self.power_sums)
@@ -88,7 +97,7 @@ class Superpixels:
         inside = self.runs.label != OUTSIDE
         squares = ((_squares(right) - _squares(left)) + rows**2 * (right - left))[inside].sum()
         place = squares - (self.positions**2 * n).sum()
-        return float(color + (compactness / self.sigma) ** 2 * place)
+        return float(color + (self.compactness / self.sigma) ** 2 * place)
 
 
 def finest_scale(side: int) -> float:
@@ -102,7 +111,7 @@ def superpixels(
     resources: Resources,
     *,
     sigma: float | None = None,
-    compactness: float = COMPACTNESS,
+    compactness: float | None = None,
     iterations: int = ITERATIONS,
     runs: int = 1,
     minsize: int | None = None,
@@ -118,8 +127,8 @@ def superpixels(
     image, lens
     sigma : float, optional
         Scale, px. Default: `finest_scale`.
-    compactness : float
-        m of eq. 1, Lab units per sigma.
+    compactness : float, optional
+        m of eq. 1, Lab units per sigma. Default: `compactness_of` the image.
     iterations : int
         Maximum number of assignments of pixels to seeds.
     runs : int
@@ -141,14 +150,14 @@ def superpixels(
         NaN or Inf, or it does not fit the budget.
     """
     part = image.first
-    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, compactness, literal)
+    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, literal)
     least = 0.25 * grid.scale**2 if minsize is None else minsize
 
     def require(need: int) -> None:
         size = f"{part.spec.width}x{part.spec.height} px"
         resources.require(need, f"{size} divided into that many pieces", "blur the image first")
 
-    require_superpixels(part, resources, sigma, compactness, literal)
+    require_superpixels(part, resources, sigma, literal)
 
     def within(most: int) -> Superpixels:
         """With a limit in bytes for the image on the device at a time."""
@@ -157,21 +166,22 @@ def superpixels(
             squares = opened.enter_context(LabelSquares(window.width, window.height, side, resources, on_squares))
             lab = opened.enter_context(LabGrid(image, lens, resources, side, most, squares.look))
             advance(1, 5 * runs + 1)  # steps of about the same time
-            settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)
+            chosen = replace(grid, compactness=compactness or compactness_of(squares.reduced, grid))
+            settled, settling = (squares, chosen.of_squares) if on_squares else (lab, chosen)
             slic = opened.enter_context(Slic(settled, settling, resources))
             for run in range(runs):
                 centers = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
                 advance(5 * run + 5, 5 * runs + 1)
                 slots = (
-                    refined_slots(lab, grid, squares, slic, centers, resources) if on_squares else slic.slots(centers)
+                    refined_slots(lab, chosen, squares, slic, centers, resources) if on_squares else slic.slots(centers)
                 )
                 strips = _strips(slots, grid, resources)
                 if on_squares:
                     strips = without_crumbs(strips, lab.height, least)
                 pieces = without_small(pieces_of(strips, lab.height, require), least)
                 wanted = powers or runs > 1
-                candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, resources)
-                if best is None or candidate.error(compactness) < best.error(compactness):
+                candidate = _described(part, lab if wanted else None, chosen, pieces, squares.reduced, resources)
+                if best is None or candidate.error() < best.error():
                     best = candidate
                 advance(5 * run + 6, 5 * runs + 1)
         assert best is not None
@@ -181,21 +191,29 @@ def superpixels(
     return in_smaller_pieces(within, min(most_on_device(resources), row * part.window.height), side * row)
 
 
-def _seeds(part: Part, sigma: float | None, compactness: float, literal: bool) -> tuple[int, bool, SeedGrid]:
+def compactness_of(reduced: Reduced, grid: SeedGrid) -> float:
+    """Compactness by the image's contrast in cells of seeds, in halves of a Lab unit per sigma.
+
+    The paper's value, for any photo, makes the borders of dark and soft photos straight lines of the grid.
+    """
+    edges = ((grid.edges(axis) + reduced.side - 1) // reduced.side for axis in (0, 1))
+    wanted = round(2.0 * _PER_CONTRAST * reduced.contrast(*edges)) / 2.0
+    return min(max(wanted, LEAST_COMPACTNESS), COMPACTNESS)
+
+
+def _seeds(part: Part, sigma: float | None, literal: bool) -> tuple[int, bool, SeedGrid]:
     """The side of the squares that pixels are averaged in, whether seeds are moved on these, and the seeds."""
     window = part.window
     sigma = finest_scale(min(window.size)) if sigma is None else sigma
     # a superpixel is 16 to 32 squares wide, whatever the image's size
     side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
     on_squares = side > 1 and not literal
-    return side, on_squares, SeedGrid.of(window.width, window.height, sigma, compactness, side if on_squares else 1)
+    return side, on_squares, SeedGrid.of(window.width, window.height, sigma, COMPACTNESS, side if on_squares else 1)
 
 
-def require_superpixels(
-    part: Part, facts: Facts, sigma: float | None, compactness: float = COMPACTNESS, literal: bool = False
-) -> None:
+def require_superpixels(part: Part, facts: Facts, sigma: float | None, literal: bool = False) -> None:
     """Refuse `superpixels` that exceed the memory budget whatever the pixels are."""
-    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, compactness, literal)
+    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, literal)
     cut = f"{window.width}x{window.height} px divided into {grid.count} superpixels"
     facts.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "use larger superpixels")
 
@@ -253,6 +271,7 @@ def _described(
         power_sums=powers,
         edges=np.stack([pieces.borders.a, pieces.borders.b], 1).astype(np.int32),
         sigma=grid.scale,
+        compactness=grid.compactness,
         runs=runs,
         reduced=reduced,
     )

@@ -16,7 +16,7 @@ SOURCE = "oiiotex:source"  # of a synthesized image: name of the photo, and hash
 PARAMETERS = "oiiotex:parameters"  # of every result: the modifiers of its op
 
 COUNT = "oiiotex:labels"  # of a label part: number of labels
-RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; for each label, its parent on the next coarser level
+RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; of each label, its parents on the next coarser level
 NAMES = "oiiotex:names"  # names of its labels, a JSON list in order
 SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: number, and scale, px
 EDGES = "oiiotex:edges"  # of a Wang tile: the colors of its edges

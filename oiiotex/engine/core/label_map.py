@@ -25,7 +25,7 @@ class LabelMap:
     level: int  # N; 1 is the finest
 
     @classmethod
-    def of(cls, part: Part, level: int, parents: Sequence[int], scale: float = 0.0) -> LabelMap:
+    def of(cls, part: Part, level: int, parents: Sequence[Sequence[int]], scale: float = 0.0) -> LabelMap:
         """A label map from a part.
 
         Parameters
@@ -34,8 +34,8 @@ class LabelMap:
             One channel of ids, uint32; 0 means no label.
         level : int
             1 is the finest.
-        parents : sequence of int
-            For label i + 1, its parent on the next coarser level; 0 for none.
+        parents : sequence of sequences of int
+            For label i + 1, its parents on the next coarser level, most of it in the first; none at the coarsest.
         scale : float
             rho, px; 0 if unknown.
         """
@@ -44,7 +44,7 @@ class LabelMap:
             if scale:
                 spec.attribute(RHO, float(scale))
             spec.attribute(COUNT, len(parents))
-            spec.attribute(PARENTS, ",".join(map(str, parents)))
+            spec.attribute(PARENTS, ",".join(" ".join(map(str, some or (0,))) for some in parents))
 
         return cls(replace(part.respecced(mark), name=f"label.{level}"), level)
 
@@ -64,11 +64,11 @@ class LabelMap:
         count = self.part.spec.get_int_attribute(COUNT)
         return count if 0 <= count <= MOST_LABELS else 0  # files are untrusted
 
-    def parents(self, count: int) -> np.ndarray:
-        """The parents of labels on the next coarser level, (count,) int64; 0 if unknown."""
+    def parents(self, count: int) -> list[list[int]]:
+        """For each of `count` labels its parents on the next coarser level, the main one first; none if unknown."""
         text = self.part.spec.get_string_attribute(PARENTS)
-        known = [int(word) if re.fullmatch("[0-9]{1,8}", word) else 0 for word in text.split(",")]
-        return np.array((known + [0] * count)[:count], np.int64)
+        known = [[int(n) for n in re.findall(r"(?<!\S)0*[1-9][0-9]{0,7}(?!\S)", words)] for words in text.split(",")]
+        return (known + [[]] * count)[:count]
 
     def name(self, label: int) -> str:
         """The name of a label; by default its level and id."""

@@ -117,7 +117,10 @@ def colored(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> n
 
 
 def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
-    """The tree of labels, given finest first with (height, width) ids of each. The width of a node is its share."""
+    """The tree of labels, given finest first with (height, width) ids of each. The width of a node is its share.
+
+    A label lies below its main parent; lines to its other parents are faint.
+    """
     width, row = 320, 64
     sheet = Sheet(width, row * len(labels) + _NODE)
     above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above
@@ -125,11 +128,12 @@ def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
         top = GAP + depth * row
         areas = np.bincount(ids.ravel())[1:]
         parents = one.parents(len(areas))
-        places = _places(areas, parents, above, float(width))
+        main = np.array([next((p for p in some if p in above), 0) for some in parents], np.int64)
+        places = _places(areas, main, above, float(width))
         for label, (left, right) in places.items():
-            if parents[label - 1] in above:
-                start = round(sum(above[parents[label - 1]]) / 2)
-                sheet.line(start, top - row + _NODE, round((left + right) / 2), top, (0.6,) * 3)
+            for parent in reversed([p for p in parents[label - 1] if p in above]):
+                start, ink = round(sum(above[parent]) / 2), 0.5 if parent == main[label - 1] else 0.85
+                sheet.line(start, top - row + _NODE, round((left + right) / 2), top, (ink,) * 3)
             color = colors_of(np.array(label))
             sheet.box(int(left), top, max(int(left), int(right) - 2), top + _NODE, color)
         above = places
@@ -139,8 +143,7 @@ def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
 def _places(
     areas: np.ndarray, parents: np.ndarray, above: dict[int, tuple[float, float]], width: float
 ) -> dict[int, tuple[float, float]]:
-    """Left and right of every label that has pixels: side by side within their parent, by area."""
-    parents = np.where(np.isin(parents, list(above)), parents, 0)
+    """Left and right of every label that has pixels: side by side within their main parent, by area; 0: none."""
     places: dict[int, tuple[float, float]] = {}
     for parent in np.unique(parents[areas > 0]):
         members = np.flatnonzero((parents == parent) & (areas > 0))

@@ -17,6 +17,7 @@ SCALE = 1.3  # ratio between pyramid levels (MJH17 section 4.2)
 COARSEST = 40  # px: longer side of the exemplar on the coarsest level, where a patch spans a third of it
 COARSEST_AMONG = 64  # px: the same if pixels around the result are fixed: a hole has fewer pixels than its photo
 ROOM = 2  # minimum number of patches along the shorter side of exemplar and tile there
+PAPER_PATCH = 11  # px: section 4
 PAPER_COARSEST, PAPER_SHARE = 64, 0.25  # the paper: a quarter of the tile, its shorter side at least 64 px (4.2)
 
 

@@ -19,7 +19,7 @@ export class PaintRoom {
     this.mask = null; // of the stroke, Uint8, of the same size
     this.unsent = []; // strokes painted while disconnected
     this.labels = [];
-    this.parents = new Uint8Array(256); // the coarse label that contains a finer one
+    this.parents = []; // for each finer number the coarse labels that contain it
     this.open = false;
     this.build();
   }
@@ -167,20 +167,20 @@ export class PaintRoom {
     this.colors = new Uint32Array(256).fill(0xff000000);
     this.dimmed = new Uint32Array(256).fill(0xff000000);
     this.finer = new Uint32Array(256);
-    this.parents.fill(0);
+    this.parents = [[]];
     const packed = (color, times) => color.split(",").reduce((sum, channel, n) => sum | (Math.round(times * Number(channel)) << (8 * n)), 0xff000000);
     for (const { id, color } of facts.labels) {
       this.colors[id] = packed(color, 1);
       this.dimmed[id] = packed(color, 0.4);
     }
-    for (const { number, parent, color } of facts.finer) {
+    for (const { number, parents, color } of facts.finer) {
       this.finer[number] = packed(color, 1);
-      this.parents[number] = parent;
+      this.parents[number] = parents;
     }
     const total = facts.labels.reduce((sum, one) => sum + one.area, 0);
     this.palette.replaceChildren(...facts.labels.map((label) => {
-      const parts = facts.finer.filter((one) => one.parent === label.id);
-      const within = label.children.length > 1 ? parts : []; // a single finer label is identical to its coarse label
+      const parts = facts.finer.filter((one) => one.parents.includes(label.id));
+      const within = label.children.length > 1 ? parts : []; // a single finer label adds nothing to its coarse label
       const name = label.name.includes("/") ? `Label ${label.id}` : label.name;
       const one = button("", `Paint with label ${label.id}${within.length ? `, with ${within.length} finer labels` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
       one.dataset.layer = "coarse";
@@ -193,7 +193,7 @@ export class PaintRoom {
     }));
     const { label, finer } = this.shell.state.paint;
     if (!facts.labels.some((one) => one.id === label)) this.set({ layer: "coarse", label: facts.labels[0].id, finer: 0 });
-    else if (finer && this.parents[finer] !== label) this.set({ layer: "coarse", finer: 0 });
+    else if (finer && !this.parents[finer]?.includes(label)) this.set({ layer: "coarse", finer: 0 });
     this.refresh(false);
     if (this.layers) this.drawPlan(0, 0, ...this.size);
   }
@@ -208,7 +208,7 @@ export class PaintRoom {
 
   /** A button that selects a finer label of a label, or none. */
   finerSwatch({ number, id, color }, label, face) {
-    const title = number ? `Paint with finer label ${id}, only inside label ${label.id}` : `Erase finer labels inside label ${label.id}`;
+    const title = number ? `Paint with finer label ${id}, only inside its coarse labels` : `Erase finer labels inside label ${label.id}`;
     const one = button("", title, () => this.set({ layer: "fine", label: label.id, finer: number }), { style: color ? `border-color:rgb(${color})` : "" });
     one.dataset.layer = "fine";
     one.dataset.finer = number;
@@ -264,17 +264,18 @@ export class PaintRoom {
   /** Begin a stroke: fix its layer, its value, and which pixels it can change. */
   begin() {
     const { layer, label, finer } = this.shell.state.paint; // other pages can change these during the stroke
-    const allowed = layer === "fine" ? (at) => this.layers.coarse[at] === label : () => true;
+    const within = finer ? this.parents[finer] : [label];
+    const allowed = layer === "fine" ? (at) => within.includes(this.layers.coarse[at]) : () => true;
     this.with = { layer, value: layer === "fine" ? finer : label, allowed };
     this.mask.fill(0);
     return this;
   }
 
-  /** Remove finer labels in a box that lie outside their coarse label, as the server does. */
+  /** Remove finer labels in a box that lie outside their coarse labels, as the server does. */
   keepInside([left, top, right, bottom]) {
     const { coarse, fine } = this.layers;
     for (let y = top; y < bottom; y++)
-      for (let at = y * this.size[0] + left; at < y * this.size[0] + right; at++) if (this.parents[fine[at]] !== coarse[at]) fine[at] = 0;
+      for (let at = y * this.size[0] + left; at < y * this.size[0] + right; at++) if (!this.parents[fine[at]].includes(coarse[at])) fine[at] = 0;
   }
 
   move(x, y, event) {

@@ -49,9 +49,9 @@ class LabelPalette:
             COARSE: {entry["id"]: entry for entry in self.labels},
             FINE: {entry["number"]: entry for entry in self.finer},
         }
-        self._parents = np.zeros(256, np.uint8)
+        self._within = np.zeros((256, 256), bool)  # finer numbers x coarse ids
         for entry in self.finer:
-            self._parents[entry["number"]] = entry["parent"]
+            self._within[entry["number"], entry["parents"]] = True
 
     def photo(self, width: int, height: int) -> np.ndarray:
         """The photo's labels, cropped or mirrored to a size; pixels without a swatch get the largest label."""
@@ -68,16 +68,16 @@ class LabelPalette:
         return allowed.issuperset(np.flatnonzero(np.bincount(numbers.ravel())).tolist())
 
     def paint(self, layers: Layers, layer: str, place: tuple[slice, slice], mask: np.ndarray, number: int) -> None:
-        """Paint a label where the mask is set; a finer label only inside its coarse label."""
+        """Paint a label where the mask is set; a finer label only inside its coarse labels."""
         if layer == FINE and number:
-            mask = mask & (layers[COARSE][place] == self._parents[number])
+            mask = mask & self._within[number, layers[COARSE][place]]
         layers[layer][place][mask] = number
         self.keep_inside(layers, place)
 
     def keep_inside(self, layers: Layers, place: tuple[slice, slice]) -> None:
-        """Remove finer labels that lie outside their coarse label."""
+        """Remove finer labels that lie outside their coarse labels."""
         fine = layers[FINE][place]
-        fine[self._parents[fine] != layers[COARSE][place]] = 0
+        fine[~self._within[fine, layers[COARSE][place]]] = 0
 
     def read_layers(self, files: Mapping[str, Path], cache: PieceCache) -> Layers:
         """Read a painting's layers; the file of the fine layer can be missing."""
