@@ -146,7 +146,7 @@ class _Finder:
         self._borders: list[Borders] = []
         self.need = 0  # bytes, at the end
         self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
-        self._top = self._above  # the same of the first row
+        self._top: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # the same of the first row
 
     def add(self, strip: Strip) -> None:
         self._width = width = strip.width

@@ -40,7 +40,7 @@ def finished_findings(
 ) -> Iterator[Fault]:
     """Findings about maps that are to tile along these axes, or none, and to lie on each other.
 
-    The measures of each map are added to its dictionary. Nothing is said about a map that is too small, or whose colors
+    The measures of each map are added to its dictionary. Maps that are too small are not judged, nor those whose colors
     are unknown: that is a finding by itself.
     """
     for image, kind, own in zip(images, kinds, measures, strict=True):
@@ -110,7 +110,7 @@ def _plain(image: Image) -> SomeRows:
 
 
 def _across(values: SomeRows, axis: int) -> dict[str, float]:
-    """The jump across the wrap compared with those inside, and the sharpness beside it compared with the softest."""
+    """The jump across the wrap compared with those inside, and the sharpness near it compared with the softest."""
     jumps = line_jumps(values, axis)
     first, inside = jumps[0], jumps[1:]
     wide, beside = max(1, len(inside) // _BAND), max(1, len(inside) // _BESIDE)
