@@ -85,11 +85,14 @@ def rendered(
 
 
 def _feathered(region: np.ndarray) -> np.ndarray:
-    """A region, 0 to 1, that falls smoothly to 0 over `MARGIN` px around it."""
+    """A region, 0 to 1, grown by a pixel, and from there falling smoothly to 0 over `MARGIN` px.
+
+    The fill differs from the frame the most next to the region, and hardly 3 px outside, so it fades out late.
+    """
     from scipy.ndimage import grey_dilation
 
     steps = np.arange(-MARGIN, MARGIN + 1)
-    fall = np.hypot(steps, steps[:, None]) / (MARGIN + 1)
+    fall = np.maximum(np.hypot(steps, steps[:, None]) - 1, 0) / MARGIN
     around = np.clip(grey_dilation(region, structure=-fall, mode="constant", cval=0.0), 0, 1)
     return np.maximum(region, around * around * (3 - 2 * around)).astype(np.float32)
 
