@@ -240,10 +240,10 @@ def superpixels(far: Far) -> None:
     assert slots[Y, X : X + 3].tolist() == [4] * 3
     totals[18000, gx, 4, :4] = 3, 3, 6, 9
     tables = zeros, edges, far.zeros(np.float64, down, across, 5), far.zeros(np.uint8, down, across)
-    far.run("slic_seeds", "move", (gx, 18000), totals, *tables, across, down, one, one, 1)
+    far.run("slic_seeds", "move", (gx, 18000), totals, *tables, across, down, 0, 0, one, one, 1)
     assert (tables[2][18000, gx, :3].tolist(), tables[3][18000, gx]) == ([1, 2, 3], 1)
     tables = *tables[2:], *tables[:2], candidates, active
-    far.run("slic_seeds", "follow", (gx, 18000), *tables, across, down, 9, -8 * one, *[one] * 3, 0)
+    far.run("slic_seeds", "follow", (gx, 18000), *tables, across, down, 0, 0, 9, -8 * one, *[one] * 3, 0)
     assert candidates[18000, gx, 4, 0] == 64 + 256 + 576
     powers, runs = np.zeros((1, 21), np.int64), np.array([[Y, X, X + 3]], np.int32)
     run("powers", (0,), lab, np.array([0, 1], np.int32), runs, powers, 1, WIDTH, 0)

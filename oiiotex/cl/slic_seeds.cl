@@ -9,22 +9,29 @@ typedef int4 candidate;   // as in superpixels.cl
 
 static inline int middle_of(const __global int *edges, int i) { return (edges[i] + edges[i + 1]) / 2; }
 
+// Beyond a border of an image with that period lie the cells of the other border; a period of 0 has none there.
+static inline int is_cell(int i, int count, int period) { return period || (i >= 0 && i < count); }
+static inline int turns(int i, int count) { return i < 0 ? -1 : i >= count; }
+
 // Centers (L, a, b, x, y) move to the mean of their pixels if its squared distance exceeds `still`; at the `start` all
 // move, and seeds without pixels become NaN.
 __kernel void slic_seeds_move(const __global long *restrict totals, const __global int *restrict row_edges,
                               const __global int *restrict edges, __global double *restrict centers,
-                              __global uchar *restrict moved, int across, int down, double weight, double still,
-                              int start) {
+                              __global uchar *restrict moved, int across, int down, int width, int height,
+                              double weight, double still, int start) {
   int gx = get_global_id(0), gy = get_global_id(1);
   if (gx >= across || gy >= down) return;
   long sum[SUMS] = {0, 0, 0, 0, 0, 0};
   for (int t = 0; t < 9; t++) {   // the seed's slot in a neighboring cell
     int x = gx + 1 - t % 3, y = gy + 1 - t / 3;
-    if (x < 0 || x >= across || y < 0 || y >= down) continue;
+    if (!is_cell(x, across, width) || !is_cell(y, down, height)) continue;
+    int right = turns(x, across), below = turns(y, down);
+    x -= right * across;
+    y -= below * down;
     const __global long *from = totals + SUMS * (9 * AT(y, x, across) + t);
     for (int k = 0; k < SUMS; k++) sum[k] += from[k];
-    sum[4] += from[0] * middle_of(edges, x);
-    sum[5] += from[0] * middle_of(row_edges, y);
+    sum[4] += from[0] * (middle_of(edges, x) + right * width);
+    sum[5] += from[0] * (middle_of(row_edges, y) + below * height);
   }
   size_t seed = AT(gy, gx, across);
   double n = (double)sum[0], mean[5], squared[5];
@@ -43,21 +50,24 @@ __kernel void slic_seeds_move(const __global long *restrict totals, const __glob
 __kernel void slic_seeds_follow(const __global double *restrict centers, const __global uchar *restrict moved,
                                  const __global int *restrict row_edges, const __global int *restrict edges,
                                  __global candidate *restrict candidates, __global uchar *restrict active, int across,
-                                 int down, int absent, double per_color, double per_place, double color_unit,
+                                 int down, int width, int height, int absent, double per_color, double per_place, double color_unit,
                                  double place_unit, int start) {
   int gx = get_global_id(0), gy = get_global_id(1);
   if (gx >= across || gy >= down) return;
   int some = 0, changed = start;
-  for (int y = max(gy - 1, 0); y <= min(gy + 1, down - 1); y++)
-    for (int x = max(gx - 1, 0); x <= min(gx + 1, across - 1); x++) some |= moved[AT(y, x, across)];
+  for (int y = gy - 1; y <= gy + 1; y++)
+    for (int x = gx - 1; x <= gx + 1; x++)
+      if (is_cell(x, across, width) && is_cell(y, down, height))
+        some |= moved[AT(y - turns(y, down) * down, x - turns(x, across) * across, across)];
   size_t cell = AT(gy, gx, across);
   for (int t = 0; some && t < 9; t++) {
-    int x = gx + t % 3 - 1, y = gy + t / 3 - 1;
+    int x = gx + t % 3 - 1, y = gy + t / 3 - 1, right = turns(x, across), below = turns(y, down);
     candidate c = (candidate)(absent, 0, 0, 0);
-    const __global double *v = centers + 5 * AT(y, x, across);
-    if (x >= 0 && x < across && y >= 0 && y < down && v[0] == v[0]) {
+    const __global double *v = centers + 5 * AT(y - below * down, x - right * across, across);
+    if (is_cell(x, across, width) && is_cell(y, down, height) && v[0] == v[0]) {
       double L = rint(v[0] * per_color), a = rint(v[1] * per_color), b = rint(v[2] * per_color);
-      double i = rint((v[3] - middle_of(edges, gx)) * per_place), j = rint((v[4] - middle_of(row_edges, gy)) * per_place);
+      double i = rint((v[3] + right * width - middle_of(edges, gx)) * per_place);
+      double j = rint((v[4] + below * height - middle_of(row_edges, gy)) * per_place);
       double base = (L * L + a * a + b * b) / color_unit;
       base += (i * i + j * j) * place_unit;
       c.x = (int)rint(base);

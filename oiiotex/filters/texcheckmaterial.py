@@ -12,19 +12,29 @@ from .. import __version__
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan, Space
-from ..engine.core.parameters import Words, image, param
+from ..engine.core.parameters import Words, image, nearest, param
+from ..engine.core.tiling import TILED, retiled, tiling_of
 from ..engine.deferred import oiio
+from ..engine.errors import ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of
+from ..synthesis.quality.limit import Limit
 
 SCHEMA = "oiiotex.materialcheck/1"
 
 
 def _lines(report: dict[str, Any]) -> Iterator[str]:
-    """A line for each finding, and the totals."""
+    """A line for each finding and each good tile, and the totals."""
+    from ..surfaces.capture.tile_checks import OF_TILES
+
     for finding in report["findings"]:
         yield f"{finding['level']}: {finding['map']}: {finding['text']}"
+    faulty = {finding["map"] for finding in report["findings"] if finding["check"] in OF_TILES}
+    for one in report["maps"]:
+        if "seam" in one["measures"] and one["name"] not in faulty:
+            unseen = ", and it repeats without notice" if "waves" in one["measures"] else ""
+            yield f"good: {one['name']}: no seam is visible (jump {one['measures']['seam']:.2f}){unseen}"
     levels = [finding["level"] for finding in report["findings"]]
     yield f"{len(report['maps'])} maps: {levels.count('error')} errors, {levels.count('warning')} warnings"
 
@@ -44,9 +54,12 @@ class CheckMaterial(ScanThenMap):
     Normals: vectors that are not of unit length or point down, a tilted mean, and a green channel of the wrong sign
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
+    Tiles (see tiled): seams, borders that are mirrored or softened by a cross-fade, slow waves and salient spots that
+    show where a tile repeats. Maps that do not lie on the first one.
 
-    Each finding is printed as a line; facts= writes them to a file with all measures. Errors render incorrectly,
-    warnings possibly. The run always completes; with failon=errors its exit code is 3 if there is an error.
+    The maps may come from any program: no photo is needed. Each finding is printed as a line; facts= writes them to a
+    file with all measures. Errors render incorrectly, warnings possibly. The run always completes; with failon=errors
+    its exit code is 3 if there is an error.
     """
 
     example: ClassVar[str] = """\
@@ -73,6 +86,11 @@ class CheckMaterial(ScanThenMap):
         "errors", choices=("errors", "warnings", "none"),
         help="Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.",
     )  # fmt: skip
+    fail: Words | None = param(
+        None, example="seam>1.3,salient>8", advanced=True,
+        help="Conditions on measures of any map that also count as failure, such as seam>1.3.",
+    )  # fmt: skip
+    tiled: str | None = TILED
     facts: Path | None = param(None, example="report.json", help="File for findings and measures.")
 
     def result_count(self) -> int:
@@ -82,18 +100,54 @@ class CheckMaterial(ScanThenMap):
     def plan(self, facts: Facts) -> Plan:
         """The maps."""
         images = (self.source, *self.maps)
-        kinds = kinds_of(self.kinds, len(images), data=False)
-        return Plan(tuple({"map": one.first.respecced(_without_hash)} for one in images), (images, kinds))
+        kinds, limits = kinds_of(self.kinds, len(images), data=False), tuple(map(_limit, self.fail or ()))
+        maps = [one.first.respecced(_without_hash) for one in images]
+        if self.tiled is not None:
+            maps = [retiled(one, self.tiled) for one in maps]
+        return Plan(tuple({"map": one} for one in maps), (images, kinds, limits))
 
     def make(self, plan: Plan, session: Session) -> tuple[dict[str, Any], ...]:
         """The maps; the first has the report on all of them."""
-        (first, *others), (images, kinds) = plan.results, plan.work
-        return ({**first, "facts": lambda: self._report(images, kinds, session)}, *others)
+        (first, *others), (images, kinds, limits) = plan.results, plan.work
+        return ({**first, "facts": lambda: self._report(images, kinds, limits, session)}, *others)
 
-    def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
+    def _report(
+        self, images: tuple[Image, ...], kinds: list[str], limits: tuple[Limit, ...], session: Session
+    ) -> dict[str, Any]:
         from ..surfaces.capture.material_checks import check_material, document  # not needed to parse the command line
+        from ..surfaces.capture.tile_checks import finished_findings
 
-        found = document(*check_material(images, kinds, self.normals, session.resources, session.progress))
+        axes = self.tiled or "".join(a for a in "xy" if any(a in tiling_of(one.first.spec) for one in images)) or "none"
+        maps, findings = check_material(images, kinds, self.normals, session.resources, session.progress)
+        broken = {fault.map for fault in findings if fault.check == "broken"}
+        whole = [n for n, one in enumerate(images) if one.source not in broken]
+        findings += finished_findings(
+            [images[n] for n in whole], [kinds[n] for n in whole], [maps[n]["measures"] for n in whole], axes,
+            session.resources,
+        )  # fmt: skip
+        found = document(maps, findings)
         failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.failon]
         failed = [f"{one['map']}: {one['text']}" for one in found["findings"] if one["level"] in failing]
+        failed += [text for limit in limits for text in _beyond(limit, maps)]
         return {"schema": SCHEMA, "version": __version__, **found, "passed": not failed, "failed": failed}
+
+
+def _limit(text: str) -> Limit:
+    """A condition on a measure of a finished map."""
+    from ..surfaces.capture.tile_checks import MEASURES
+
+    limit = Limit.read(text, "fail")
+    if limit.measure not in MEASURES:
+        problem, expected = f"unknown measure '{limit.measure}'{nearest(limit.measure, MEASURES)}", ", ".join(MEASURES)
+        raise ParameterError(problem, parameter="fail", value=text, expected=f"one of {expected}")
+    return limit
+
+
+def _beyond(limit: Limit, maps: list[dict[str, Any]]) -> Iterator[str]:
+    """The maps beyond a limit, as text; it is one to measure nothing."""
+    values = {one["name"]: one["measures"][limit.measure] for one in maps if limit.measure in one["measures"]}
+    for name, value in values.items():
+        if limit.passed_by(value):
+            yield f"{name}: {limit.measure} is {value:.4g}: fail={limit}"
+    if not values:
+        yield f"{limit.measure} is not measured: fail={limit}"

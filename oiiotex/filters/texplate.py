@@ -33,7 +33,7 @@ class Plate(Whole):
     """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
 
     The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
-    plate is aligned with the reference frame, and extends to what other frames show. Its resolution is that of the
+    plate is parallel to the reference frame, and extends to what other frames show. Its resolution is that of the
     frame that shows the region largest. It has little grain, because it is a mean of frames.
 
     Pixels that no frame shows are transparent. Those that frames need are white in part 'region': fill them once with
@@ -60,7 +60,7 @@ class Plate(Whole):
         ),
     )
 
-    source: Image = image(help="Reference frame of the shot. The plate is aligned with it.")
+    source: Image = image(help="Reference frame of the shot. The plate is parallel to it.")
     region: Image | None = image(None, help="Mask of the reference frame. White is replaced, in all frames.")
     frames: str | None = param(
         None,
@@ -113,7 +113,7 @@ class Plate(Whole):
         layout = laid_out(shot, points, display.size, given)
         results, grain = self._assembled(layout, shown, regions, display, session)
         saved = {n: replace(motion, grain=grain) for n, motion in layout.shot.items()}
-        return {**results, "motionfile": lambda: stored(saved)}
+        return {**results, "motionfile": lambda: stored(saved, layout.size)}
 
     def _frames(self) -> dict[int, tuple[str, str]]:
         """Files of the frame and of the region by number, the reference frame first; '': as on the stack."""
@@ -232,7 +232,7 @@ class Plate(Whole):
         """The plate with the pixels to fill, and the grain of the shot."""
         from ..surfaces.motion.clean_plate import assembled
 
-        first, window = self.source.first, layout.window
+        first, window = self.source.first, Window(0, 0, *layout.size)
         need = _COPIES * 4 * (first.spec.nchannels + 2) * window.width * window.height
         need += sum(region.nbytes for region in regions.values())
         session.resources.require(
@@ -245,7 +245,7 @@ class Plate(Whole):
             layout, frames, matched, lambda n: session.progress.advance(count + n, 2 * count)
         )
         spec = window.apply_to(derived_spec(first.spec))
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = window.left, window.top, *window.size
+        window.show_in(spec)
         spec.attribute("oiiotex:scale", float(layout.scale))
         values[~known] = 0
         if colors.alpha is None and not known.all():

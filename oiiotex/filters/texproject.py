@@ -31,9 +31,9 @@ class Project(Whole):
     """Render a clean plate into a region of a frame, with the motion, the light and the grain of the shot.
 
     Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its light
-    level is matched to the frame around the region, and new grain like the frame's is added. Pixels outside the
-    region, and channels that the plate lacks, are unchanged. Frames are independent, so they can be distributed,
-    skipped and repeated.
+    level is matched to the frame around the region, and new grain like the frame's is added. The plate fades out over
+    4 px around the region, as the hole of `plate` is larger than the region. Other pixels, and channels that the plate
+    lacks, are unchanged. Frames are independent, so they can be distributed, skipped and repeated.
     """
 
     example: ClassVar[str] = '>>> frame = filters.project("photo.png", "photo.png")'
@@ -61,6 +61,7 @@ class Project(Whole):
         """The motion of the frame."""
         part, plate = self.source.first, self.plate.first
         motion = self._motion(facts)
+        self._require_size(facts)
         names, colors = part.spec.channelnames, channels_of(part.spec)
         lacking = [names[c] for c in colors.color if names[c] not in plate.spec.channelnames]
         if lacking:
@@ -91,12 +92,10 @@ class Project(Whole):
         known = np.ones(surface.shape[:2], bool) if alpha is None else surface[..., alpha] > 0
         shared = [c for c, name in enumerate(names) if name in plate.spec.channelnames]
         surface = surface[..., [plate.spec.channelnames.index(names[c]) for c in shared]]
-        corner = plate.window.left, plate.window.top
-        if self.motion is None:
-            corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
+        corner = plate.window.left - plate.spec.full_x, plate.window.top - plate.spec.full_y
         with session.resources.stats.time("project"):
             scale = _scale(values, surface)
-            window, made, missing = rendered(
+            window, made, changed, missing = rendered(
                 values[..., shared] * scale, region, surface * scale, known, corner, plan.work,
                 tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
             )  # fmt: skip
@@ -105,7 +104,7 @@ class Project(Whole):
             self.warn("%sthe plate does not cover %d pixels of the region: they are unchanged", which, missing)
         place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
         at = window.inside(Window(0, 0, *display.size))
-        changed, stored = region[at] > 0, values[at].copy()
+        stored = values[at].copy()
         stored[..., shared] = made / scale
         stored = in_type(stored, dtype)
 
@@ -118,6 +117,22 @@ class Project(Whole):
             return rows
 
         return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}
+
+    def _require_size(self, facts: Facts) -> None:
+        """Refuse a plate whose pixels are not those that the motion leads to."""
+        from ..surfaces.motion.frame_motion import plate_size
+
+        expected: tuple[int, int] | None
+        if self.motion is None:
+            expected, belongs = Window.display(self.source.first.spec).size, "as the frame"
+            hint = "set motion, if the plate extends beyond the frame"
+        else:
+            expected, belongs = plate_size(self.motion, facts.budget), f"the plate of {self.motion}"
+            hint = "fill the plate without cropping or resizing it"
+        width, height = Window.display(self.plate.first.spec).size
+        if expected is not None and expected != (width, height):
+            text = f"plate {self.plate.source} is {width}x{height}: expected {expected[0]}x{expected[1]}, {belongs}"
+            raise ImageError(text, hint=hint)
 
     def _motion(self, facts: Facts) -> FrameMotion:
         from ..surfaces.motion.frame_motion import FrameMotion, read_shot

@@ -130,7 +130,7 @@ def test_project_takes_values_of_any_size(peak):
     region = np.zeros((64, 64, 1), np.float32)
     region[20:40, 20:40] = 1
     made = pixels(filters.project(buffer(frame), buffer(plate), region=buffer(region, space="data"), grain=0))
-    assert np.isfinite(made).all() and np.array_equal(made[:20], frame[:20])
+    assert np.isfinite(made).all() and np.array_equal(made[:16], frame[:16])  # it fades over 4 px
     unit = pixels(
         filters.project(
             buffer(frame / np.float32(peak)), buffer(plate / np.float32(peak)), region=buffer(region, space="data"),

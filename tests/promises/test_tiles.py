@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex import filters
 from oiiotex.engine.core import demand
-from oiiotex.engine.core.access import Neighborhood
+from oiiotex.engine.core.access import Neighborhood, Pointwise
 from oiiotex.engine.core.image import Image, Part, from_pixels
 from oiiotex.engine.core.tiling import tiling_of
 from oiiotex.engine.core.window import Window
@@ -47,6 +47,17 @@ DROPPED = {
     "crop", "cut", "paste", "mosaic", "warp", "rotate", "origin", "originoffset", "fullsize", "box", "line", "text",
     "fft", "demosaic",
 }  # fmt: skip
+# that neither declare what becomes of a tile, nor work pixel by pixel, nor only move pixels
+OTHERS = {
+    "pixelaspect": "wraps as resize", "decorrstretch": "points, after statistics", "reorient": "moves",
+    "deepen": "points", "flatten": "points", "deepmerge": "points", "deepholdout": "points",
+    "trim": "drops with its windows", "paste": "drops with its windows", "mosaic": "drops with its windows",
+}  # fmt: skip
+CHAIN: list[tuple[str, dict[str, Any]]] = [
+    ("blur", {"size": "13x9"}), ("resize", {"size": "150%"}), ("median", {"size": "3x3"}),
+    ("cshift", {"shift": "+17+40"}), ("unsharp", {}), ("dilate", {"size": "3x3"}), ("rotate90", {}),
+    ("resample", {"size": "70%"}), ("erode", {"size": "3x3"}), ("fit", {"size": "150x150"}), ("blur", {"size": "3x3"}),
+]  # fmt: skip
 
 
 def tile(modes: str = "periodic,periodic", pixels: np.ndarray = TILE, **attributes: Any) -> Part:
@@ -117,6 +128,28 @@ def test_what_must_keep_a_tile_or_must_not_is_tried():
     assert {op.name for op in host.OPS} >= KEPT | DROPPED
     assert {op.name for op in host.OPS if op.wraps} <= KEPT
     assert {op.name for op in host.OPS if op.untiles} <= DROPPED | {"ifft", "point", "fill"}
+
+
+def test_every_op_is_classified():
+    """One that reads around a pixel wraps; one that cuts, moves or draws drops the tag."""
+    undeclared = {
+        op.name for op in host.OPS
+        if op.images() and not (op.wraps or op.untiles or issubclass(op, Pointwise) or not op.mixes)
+    }  # fmt: skip
+    assert undeclared == OTHERS.keys()
+    assert not [op.name for op in host.OPS if issubclass(op, Neighborhood) and not (op.wraps or op.untiles)]
+    assert not [op.name for op in host.OPS if op.wraps and op.untiles]
+
+
+def test_a_chain_keeps_a_tile():
+    part, before = tile(), BEFORE
+    for name, arguments in CHAIN:
+        op = next(op for op in host.OPS if op.name == name)
+        part = made_by(op(source=Image((part,), "tile"), **arguments), Session()).first
+        assert tiling_of(part.spec) == "xy", name
+        after = max(seams(part.pixels(), "xy"))
+        assert after <= MOST * max(1.0, before), (name, before, after)
+        before = after
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from ...engine.errors import present
 from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
 from ..superpixels.superpixels import Superpixels
-from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
+from .filter_bank import FARTHEST, WAVES, Texture, gabor_responses, texton_map, texture_of
 
 KINDS = ("both", "textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
@@ -100,12 +100,16 @@ class SmallLab:
     factor: int
     places: np.ndarray  # (n, 2) rows and columns near the centers of superpixels
     count: int
+    wraps: tuple[bool, bool] = (False, False)  # it tiles along y, along x
     _texture: list[Texture] = field(default_factory=list, repr=False)
 
     def texture(self, resources: Resources) -> Texture:
         """Texture around each pixel, the input of textons; computed once."""
         if not self._texture:
-            self._texture.append(texture_of(self.lab, self.ids > 0, resources))
+            pads = [(FARTHEST * around,) * 2 for around in self.wraps]
+            lab, seen = np.pad(self.lab, [*pads, (0, 0)], "wrap"), np.pad(self.ids > 0, pads, "wrap")
+            rows, columns = (slice(before, before + n) for n, (before, _) in zip(self.ids.shape, pads, strict=True))
+            self._texture.append(texture_of(lab, seen, resources).within(rows, columns))
         return self._texture[0]
 
     def sums(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,8 +143,10 @@ def small_lab(superpixels: Superpixels) -> SmallLab:
         ids[row] = superpixels.labels.read(Window(window.left, y, window.right, y + 1))[0, columns, 0]
     if (ids == 0).any() and (ids > 0).any():
         lab[ids == 0] = lab[ids > 0].mean(0)
-    places = np.clip((superpixels.positions[:, ::-1] / factor).astype(np.int64), 0, [height - 1, width - 1])
-    return SmallLab(lab, ids, factor, places, len(superpixels.sizes))
+    positions = superpixels.positions % (window.width, window.height)  # those of a tile may lie beyond its border
+    places = np.clip((positions[:, ::-1] / factor).astype(np.int64), 0, [height - 1, width - 1])
+    wraps = superpixels.periods[1] > 0, superpixels.periods[0] > 0
+    return SmallLab(lab, ids, factor, places, len(superpixels.sizes), wraps)
 
 
 # --- filters ---
@@ -204,13 +210,28 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Res
     counts = table.reshape(small.count + 1, count)[1:]
     missed = np.flatnonzero(counts.sum(1) == 0)
     counts[missed, textons[small.places[missed, 0], small.places[missed, 1]]] = 1
-    counts = pooled(counts, superpixels.positions, _POOLED * superpixels.sigma, resources)
+    sigma = _POOLED * superpixels.sigma
+    chosen, positions = _with_others(superpixels.positions, superpixels.periods, _NEAR * sigma)
+    counts = pooled(counts[chosen], positions, sigma, resources)[: small.count]
 
     def features(groups: np.ndarray) -> np.ndarray:
         sums = grouped(counts, groups)
         return _UNIT * np.sqrt(sums / sums.sum(1, keepdims=True))
 
     return features
+
+
+def _with_others(positions: np.ndarray, periods: tuple[int, int], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 2), then those repeated within `reach` around a tile: (m,) which they are, and (m, 2)."""
+    chosen = np.arange(len(positions))
+    for axis, period in enumerate(periods):
+        if period:
+            at = positions[:, axis]
+            before, after = np.flatnonzero(at > at.max() - 2 * reach), np.flatnonzero(at < at.min() + 2 * reach)
+            turn = np.eye(2)[axis] * period
+            positions = np.concatenate([positions, positions[before] - turn, positions[after] + turn])
+            chosen = np.concatenate([chosen, chosen[before], chosen[after]])
+    return chosen, positions
 
 
 def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, resources: Resources) -> np.ndarray:

@@ -19,6 +19,7 @@ from ...engine.session.resources import Resources
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
 _PAD = 24  # px of mirrored border
+FARTHEST = 40  # px that responses depend on
 PLANES = 24  # values per pixel: 21 responses, three colors
 STEPS = 64  # per standard deviation
 _TURNS = 6
@@ -79,6 +80,15 @@ class Texture:
     seen: np.ndarray
     responses: np.ndarray
     colors: np.ndarray
+
+    def within(self, rows: slice, columns: slice) -> Texture:
+        """The texture in a window."""
+
+        def cut(planes: np.ndarray) -> np.ndarray:
+            whole = planes.reshape(len(planes), *self.seen.shape)
+            return np.ascontiguousarray(whole[:, rows, columns]).reshape(len(planes), -1)
+
+        return Texture(np.ascontiguousarray(self.seen[rows, columns]), cut(self.responses), cut(self.colors))
 
     def invariant(self) -> Texture:
         """Mean energy of all directions and wavelengths instead of each one, so that turned and scaled versions agree.

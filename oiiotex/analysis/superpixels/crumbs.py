@@ -18,18 +18,18 @@ from .run_length import OUTSIDE, Strip, pieces_of, small_joined
 _HIGH = 64  # rows of a strip
 
 
-def without_crumbs(strips: Iterable[Strip], height: int, least: float) -> Iterator[Strip]:
+def without_crumbs(strips: Iterable[Strip], height: int, least: float, tiled: str = "none") -> Iterator[Strip]:
     """Merge pieces below `least` px, and less than 64 rows high, into a neighbor.
 
-    `least`: px.
+    `least`: px; `tiled`: axes along which opposite borders touch, where a piece may be larger than it seems.
     """
     for begin in (0, _HIGH // 2):
         edges = sorted({0, *range(begin, height, _HIGH), height})
-        strips = _joined(_cut(strips, edges), height, least)
+        strips = _joined(_cut(strips, edges), height, least, tiled)
     return iter(strips)
 
 
-def _joined(strips: Iterable[Strip], height: int, least: float) -> Iterator[Strip]:
+def _joined(strips: Iterable[Strip], height: int, least: float, tiled: str) -> Iterator[Strip]:
     top = 0
     for strip in strips:
         found = pieces_of([strip], strip.height)
@@ -38,11 +38,14 @@ def _joined(strips: Iterable[Strip], height: int, least: float) -> Iterator[Stri
         label[piece[inside]] = strip.label[inside]
         label[-1] = OUTSIDE
         unknown = np.zeros(len(found.sizes) + 1, bool)
-        if top > 0:
+        if top > 0 or "y" in tiled:
             unknown[piece[: np.searchsorted(strip.starts, strip.width)]] = True
         top += strip.height
-        if top < height:
+        if top < height or "y" in tiled:
             unknown[piece[np.searchsorted(strip.starts, strip.width * (strip.height - 1)) :]] = True
+        if "x" in tiled:
+            first = np.flatnonzero(strip.starts % strip.width == 0)
+            unknown[piece[np.concatenate([first, first - 1])]] = True
         of, _, _, first = small_joined(found, least, unknown[:-1])
         label[:-1] = label[first[of]]
         yield Strip.joined(strip.width, strip.height, strip.starts, label[piece])

@@ -86,7 +86,31 @@ def hierarchy(superpixels: Superpixels, resources: Resources, sigmas: np.ndarray
     if sigmas is None:
         sigmas = scales(superpixels.sigma, COARSEST * min(window.width, window.height))
     levels = blurred_sums(superpixels, sigmas.tolist(), resources)
-    return merged(superpixels.sizes, superpixels.positions, superpixels.edges, sigmas, levels)
+    places = superpixels.positions
+    if any(superpixels.periods):
+        places = _on_torus(places, superpixels.periods)
+    return merged(superpixels.sizes, places, superpixels.edges, sigmas, levels)
+
+
+def _on_torus(positions: np.ndarray, periods: tuple[int, int]) -> np.ndarray:
+    """Positions, (n, 2), as points (n, 4) whose distances are those on a torus, but for far ones, which are shorter.
+
+    An axis that tiles becomes a circle of that circumference.
+    """
+    places = _in_space(positions)
+    for axis, period in enumerate(periods):
+        if period:
+            radius = period / (2 * math.pi)
+            angle = positions[:, axis] / radius
+            places[:, axis], places[:, axis + 2] = radius * np.cos(angle), radius * np.sin(angle)
+    return places
+
+
+def _in_space(positions: np.ndarray) -> np.ndarray:
+    """Points of up to four coordinates as points of four, (n, 4) float64."""
+    places = np.zeros((len(positions), 4))
+    places[:, : positions.shape[1]] = positions
+    return places
 
 
 def merged(
@@ -94,7 +118,7 @@ def merged(
 ) -> Hierarchy:
     """Algorithm 1.
 
-    `sigmas` (levels,) float; `levels` iterable of (n, 3) float64.
+    `positions` (n, 2) or (n, 4) float64; `sigmas` (levels,) float; `levels` iterable of (n, 3) float64.
     """
     graph = _RegionGraph(sizes, positions, edges)
     counts = [len(sizes)]
@@ -112,7 +136,7 @@ class _RegionGraph:
 
     def __init__(self, sizes: np.ndarray, positions: np.ndarray, edges: np.ndarray):
         self._sizes = sizes.astype(np.float64)
-        self._places = positions * self._sizes[:, None]
+        self._places = _in_space(positions) * self._sizes[:, None]
         self._edges = edges.astype(np.int64)
         self._root = np.arange(len(sizes))
         self._near: list[set[int]] = [set() for _ in range(len(sizes))]
@@ -128,7 +152,7 @@ class _RegionGraph:
             return
         root, n = self._root, len(self._root)
         columns = (self._sizes, *colors.T, *self._places.T)
-        sums = np.stack([np.bincount(root, column, n) for column in columns], 1)  # superpixels x (size, L, a, b, x, y)
+        sums = np.stack([np.bincount(root, column, n) for column in columns], 1)  # superpixels x (size, L, a, b, place)
         size = np.maximum(sums[:, 0], 1.0)
         means = sums[:, 1:] / size[:, None]
         ends = np.sort(root[self._edges], 1)
@@ -137,7 +161,7 @@ class _RegionGraph:
         a, b = pairs // n, pairs % n
         self._edges = np.stack([a, b], 1)
         d = (means[a] - means[b]) ** 2
-        cost = size[a] * size[b] / (size[a] + size[b]) * (d[:, 0] + d[:, 1] + d[:, 2] + weight * (d[:, 3] + d[:, 4]))
+        cost = size[a] * size[b] / (size[a] + size[b]) * (d[:, 0] + d[:, 1] + d[:, 2] + weight * d[:, 3:].sum(1))
         # ties go to the lower ids; an entry is stale if one of its two has changed since
         heap = list(zip(cost.tolist(), a.tolist(), b.tolist(), [0] * len(a), [0] * len(a), strict=True))
         heapq.heapify(heap)
@@ -167,11 +191,12 @@ class _RegionGraph:
                     near[c].add(a)
                     near[a].add(c)
             near[b] = set()
-            l0, a0, b0, x0, y0 = mean
+            l0, a0, b0, x0, y0, u0, v0 = mean
             for c in near[a]:
-                l1, a1, b1, x1, y1 = means[c]
+                l1, a1, b1, x1, y1, u1, v1 = means[c]
                 # LSA16 eq. 2, with the distances to the common mean written out
-                away = (l0 - l1) ** 2 + (a0 - a1) ** 2 + (b0 - b1) ** 2 + weight * ((x0 - x1) ** 2 + (y0 - y1) ** 2)
+                away = (l0 - l1) ** 2 + (a0 - a1) ** 2 + (b0 - b1) ** 2
+                away += weight * ((x0 - x1) ** 2 + (y0 - y1) ** 2 + (u0 - u1) ** 2 + (v0 - v1) ** 2)
                 cost = both * size[c] / (both + size[c]) * away
                 low, high = (a, c) if a < c else (c, a)
                 heapq.heappush(heap, (cost, low, high, changes[low], changes[high]))

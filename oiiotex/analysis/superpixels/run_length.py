@@ -117,13 +117,15 @@ class Pieces:
     borders: Borders
 
 
-def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], None] | None = None) -> Pieces:
+def pieces_of(
+    strips: Iterable[Strip], height: int, require: Callable[[int], None] | None = None, tiled: str = "none"
+) -> Pieces:
     """4-connected pieces of equal labels.
 
     `require`: called with the bytes required so far, and raises an error if they are too many. Photos have few runs,
-    noise has nearly as many as pixels.
+    noise has nearly as many as pixels. `tiled`: axes along which opposite borders touch.
     """
-    finder = _Finder()
+    finder = _Finder(tiled)
     for strip in strips:
         finder.add(strip)
         if require is not None:
@@ -134,8 +136,8 @@ def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], Non
 class _Finder:
     """Connects pieces, one strip after another."""
 
-    def __init__(self) -> None:
-        self._width, self._count = 0, 0
+    def __init__(self, tiled: str = "none") -> None:
+        self._width, self._count, self._tiled = 0, 0, tiled
         self._left: list[np.ndarray] = []
         self._per_row: list[np.ndarray] = []
         self._piece: list[np.ndarray] = []
@@ -144,6 +146,7 @@ class _Finder:
         self._borders: list[Borders] = []
         self.need = 0  # bytes, at the end
         self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
+        self._top: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # the same of the first row
 
     def add(self, strip: Strip) -> None:
         self._width = width = strip.width
@@ -161,18 +164,19 @@ class _Finder:
 
         self._sizes.append(np.bincount(piece[piece >= 0] - self._count, lengths[piece >= 0], new))
         beside = np.flatnonzero(starts[1:] % width != 0)
-        pairs = [(piece[beside], piece[beside + 1], np.ones(len(beside))), (piece[upper], piece[lower], shared)]
+        pairs: list[tuple[np.ndarray, ...]] = [(piece[beside], piece[beside + 1], np.ones(len(beside)))]
+        pairs.append((piece[upper], piece[lower], shared))
         self._count += new
         top = slice(0, per_row[0])
+        row = starts[top], label[top], piece[top]
         if self._above is not None:
-            above_starts, above_label, above_piece = self._above
-            i, j, shared = _overlaps(above_starts, starts[top] + width, width, 2)
-            one = (above_label[i] == label[j]) & (label[j] != OUTSIDE)
-            self._same.append(np.stack([above_piece[i[one]], piece[j[one]]]))
-            pairs.append((above_piece[i[~one]], piece[j[~one]], shared[~one]))
-        a, b, length = (np.concatenate(c) for c in zip(*pairs, strict=True))
-        known = (a >= 0) & (b >= 0)
-        self._borders.append(Borders.of(a[known], b[known], length[known], self._count))
+            pairs.append(self._touching(self._above, row))
+        self._top = row if self._top is None else self._top
+        if "x" in self._tiled:
+            left = np.flatnonzero(starts % width == 0)
+            right = np.append(left[1:], len(starts)) - 1
+            pairs.append(self._connected((label[right], piece[right]), (label[left], piece[left]), np.ones(rows)))
+        self._border(pairs)
 
         self._left.append((starts % width).astype(np.int32))
         self._per_row.append(per_row)
@@ -181,7 +185,27 @@ class _Finder:
         last = slice(len(starts) - per_row[-1], None)
         self._above = starts[last] - (rows - 1) * width, label[last], piece[last]
 
+    def _touching(self, above: tuple[np.ndarray, ...], below: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        """Connect two rows of runs (starts, labels, pieces); returns as `_connected`."""
+        i, j, shared = _overlaps(above[0], below[0] + self._width, self._width, 2)
+        return self._connected((above[1][i], above[2][i]), (below[1][j], below[2][j]), shared)
+
+    def _connected(
+        self, some: tuple[np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray], length: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Connect touching runs, (labels, pieces) each, where their labels are equal; returns the other pairs."""
+        one = (some[0] == others[0]) & (some[0] != OUTSIDE)
+        self._same.append(np.stack([some[1][one], others[1][one]]))
+        return some[1][~one], others[1][~one], length[~one]
+
+    def _border(self, pairs: list[tuple[np.ndarray, ...]]) -> None:
+        a, b, length = (np.concatenate(c) for c in zip(*pairs, strict=True))
+        known = (a >= 0) & (b >= 0)
+        self._borders.append(Borders.of(a[known], b[known], length[known], self._count))
+
     def finished(self, height: int) -> Pieces:
+        if "y" in self._tiled and self._above is not None and self._top is not None:
+            self._border([self._touching(self._above, self._top)])
         same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
         # numbers by first pixel: pieces of strips are in that order, and a whole has that of its first part
         count, whole = _united(same[0], same[1], self._count)

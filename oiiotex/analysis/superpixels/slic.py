@@ -51,6 +51,8 @@ class SeedGrid:
         m of LSA16 eq. 1, Lab units per sigma.
     square : int
         Side of the squares, px, along which cells are cut.
+    tiled : str
+        Axes along which opposite borders touch: x, y, xy or none.
     """
 
     width: int
@@ -59,9 +61,12 @@ class SeedGrid:
     down: int
     compactness: float
     square: int = 1
+    tiled: str = "none"
 
     @classmethod
-    def of(cls, width: int, height: int, sigma: float, compactness: float, square: int = 1) -> SeedGrid:
+    def of(
+        cls, width: int, height: int, sigma: float, compactness: float, square: int = 1, tiled: str = "none"
+    ) -> SeedGrid:
         """The grid with the scale nearest to `sigma`.
 
         Parameters
@@ -74,14 +79,32 @@ class SeedGrid:
             m of LSA16 eq. 1, Lab units per sigma.
         square : int
             Side of the squares, px, along which cells are cut.
+        tiled : str
+            Axes along which opposite borders touch.
         """
-        return cls(width, height, max(1, round(width / sigma)), max(1, round(height / sigma)), compactness, square)
+        across, down = (max(1, round(size / sigma)) for size in (width, height))
+        return cls(width, height, across, down, compactness, square, tiled)
 
     @property
     def of_squares(self) -> SeedGrid:
         """The same cells for the image in which a square is a pixel."""
         width, height = -(-self.width // self.square), -(-self.height // self.square)
-        return SeedGrid(width, height, self.across, self.down, self.compactness)
+        return SeedGrid(width, height, self.across, self.down, self.compactness, tiled=self.tiled)
+
+    @property
+    def periods(self) -> tuple[int, int]:
+        """Width and height where the image tiles, px; 0: it does not."""
+        return self.width * ("x" in self.tiled), self.height * ("y" in self.tiled)
+
+    def ringed(self, of: np.ndarray, outside: float | bool) -> np.ndarray:
+        """Values of seeds (down, across, ...) in a ring of those across a border, or `outside`."""
+        ringed = np.full((self.down + 2, self.across + 2, *of.shape[2:]), outside, of.dtype)
+        ringed[1:-1, 1:-1] = of
+        if "x" in self.tiled:
+            ringed[:, [0, -1]] = ringed[:, [-2, 1]]
+        if "y" in self.tiled:
+            ringed[[0, -1]] = ringed[[-2, 1]]
+        return ringed
 
     @property
     def count(self) -> int:
@@ -156,8 +179,12 @@ def candidates(grid: SeedGrid, centers: np.ndarray, cells: np.ndarray) -> np.nda
     |v - c|^2 = |v|^2 - 2 v c + |c|^2, where |v|^2 is the same for all nine. The coefficients -2 c are rounded to
     integers, and |c|^2 is that of the rounded center, so borders between cells of seeds are straight.
     """
-    padded = np.full((grid.down + 2, grid.across + 2, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
-    padded[1:-1, 1:-1] = centers
+    padded = grid.ringed(centers, np.nan)  # rows x columns of seeds x (L, a, b, x, y)
+    period_x, period_y = grid.periods
+    padded[:, 0, 3] -= period_x
+    padded[:, -1, 3] += period_x
+    padded[0, :, 4] -= period_y
+    padded[-1, :, 4] += period_y
     row, column = (n[:, None] for n in np.divmod(cells, grid.across))
     dy, dx = np.array(NINE).T
     near = padded[row + 1 + dy, column + 1 + dx]  # cells x 9 x 5
@@ -237,10 +264,10 @@ class Slic:
         weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
 
         def move(start: int) -> None:
-            run("move", shape, buffers["totals"], *edges, *seeds, *shape, weight, still, start)
+            run("move", shape, buffers["totals"], *edges, *seeds, *shape, *grid.periods, weight, still, start)
 
         def follow(start: int) -> None:
-            run("follow", shape, *seeds, *edges, *cells, *shape, _ABSENT, *units, start)
+            run("follow", shape, *seeds, *edges, *cells, *shape, *grid.periods, _ABSENT, *units, start)
 
         active = np.ones(grid.count, bool)
         device.write(buffers["candidates"], own_cells_only(grid))
@@ -277,8 +304,7 @@ class Slic:
             means = centers_of(self._sums(present, active), centers)
             away = (means - centers) ** 2
             away = away[..., 0] + away[..., 1] + away[..., 2] + grid.weight * (away[..., 3] + away[..., 4])
-            moved = np.zeros((grid.down + 2, grid.across + 2), bool)
-            moved[1:-1, 1:-1] = away > (_STILL * FINE_STEPS) ** 2
+            moved = grid.ringed(away > (_STILL * FINE_STEPS) ** 2, False)
             centers = np.where(moved[1:-1, 1:-1, None], means, centers)
             beside = [moved[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] for dy, dx in NINE]
             near = np.flatnonzero(np.any(beside, 0))
@@ -335,6 +361,11 @@ class Slic:
         total = np.zeros((grid.down + 2, grid.across + 2, _SUMS), np.int64)
         for n, (dy, dx) in enumerate(NINE):
             total[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] += sums[:, :, n]
+        for lines, period, place in ((total.swapaxes(0, 1), grid.periods[0], 4), (total, grid.periods[1], 5)):
+            if period:  # seeds beyond a border are those of the other one
+                for outside, seed, turn in ((0, -2, period), (-1, 1, -period)):
+                    lines[seed] += lines[outside]
+                    lines[seed, :, place] += turn * lines[outside, :, 0]
         return total[1:-1, 1:-1]
 
 

@@ -20,6 +20,7 @@ from ...engine.color.lab_on_device import PIXEL_BYTES, Band, LabGrid, most_on_de
 from ...engine.color.lens import Lens
 from ...engine.core.attributes import mark_as_data
 from ...engine.core.image import Image, Part, derived_spec
+from ...engine.core.tiling import tiled_spec, tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import present
@@ -58,7 +59,7 @@ class Superpixels:
     sizes : (n,) int64
         Numbers of pixels.
     positions : (n, 2) float64
-        Centroids (x, y) of the pixels' corners, relative to the window's.
+        Centroids (x, y) of the pixels' corners, relative to the window's. In a tile they may lie beyond its border.
     power_sums : (n, 3, 5) float64 or None
         Sums over pixels of L, a, b to the first .. fifth power, in Lab units to that power: exact sums over a grid of
         1/8 unit, rounded once. None: not requested.
@@ -70,6 +71,8 @@ class Superpixels:
         m of eq. 1, Lab units per sigma.
     runs : Runs
         The label map, 0-based.
+    periods : (int, int)
+        Width and height where the image tiles, px; 0: it does not.
     """
 
     window: Window
@@ -82,6 +85,7 @@ class Superpixels:
     compactness: float
     runs: Runs
     reduced: Reduced
+    periods: tuple[int, int] = (0, 0)
 
     @property
     def count(self) -> int:
@@ -177,8 +181,8 @@ def superpixels(
                 )
                 strips = _strips(slots, grid, resources)
                 if on_squares:
-                    strips = without_crumbs(strips, lab.height, least)
-                pieces = without_small(pieces_of(strips, lab.height, require), least)
+                    strips = without_crumbs(strips, lab.height, least, grid.tiled)
+                pieces = without_small(pieces_of(strips, lab.height, require, grid.tiled), least)
                 wanted = powers or runs > 1
                 candidate = _described(part, lab if wanted else None, chosen, pieces, squares.reduced, resources)
                 if best is None or candidate.error() < best.error():
@@ -208,7 +212,8 @@ def _seeds(part: Part, sigma: float | None, literal: bool) -> tuple[int, bool, S
     # a superpixel is 16 to 32 squares wide, whatever the image's size
     side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
     on_squares = side > 1 and not literal
-    return side, on_squares, SeedGrid.of(window.width, window.height, sigma, COMPACTNESS, side if on_squares else 1)
+    square, tiled = side if on_squares else 1, "none" if literal else tiling_of(part.spec)
+    return side, on_squares, SeedGrid.of(window.width, window.height, sigma, COMPACTNESS, square, tiled)
 
 
 def require_superpixels(part: Part, facts: Facts, sigma: float | None, literal: bool = False) -> None:
@@ -232,9 +237,9 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
 
 def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, resources: Resources) -> Iterator[Strip]:
     """The seeds chosen by pixels, OUTSIDE where they are transparent, from top to bottom."""
-    away = np.zeros(NONE + 1, np.int32)
-    away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
-    rows, columns, edges = grid.cells(0) * grid.across, grid.cells(1), grid.edges(1)[:-1]
+    away = np.zeros((NONE + 1, 2), np.int32)
+    away[: len(NINE)] = NINE
+    rows, columns, edges = grid.cells(0), grid.cells(1), grid.edges(1)[:-1]
     for band, buffer in bands:
         slots = resources.device.read(buffer, (band.bottom - band.top, grid.width), np.uint8)
         for top in range(0, len(slots), _BAND_ROWS):
@@ -245,7 +250,9 @@ def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, resources: Resour
             starts = np.flatnonzero(change)
             row, column = np.divmod(starts, grid.width)
             slot = piece.ravel()[starts]
-            label = away[slot] + rows[band.top + top + row] + columns[column]
+            down, across = away[slot].T
+            label = (rows[band.top + top + row] + down) % grid.down * grid.across
+            label += (columns[column] + across) % grid.across  # seeds beyond the border of a tile
             label[slot == NONE] = OUTSIDE
             yield Strip.joined(grid.width, len(piece), starts, label)
 
@@ -261,8 +268,14 @@ def _described(
         powers = _power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), resources)
     length = (right - left).astype(np.int64)
     # exact: sums of integers below 2^53
-    x = np.bincount(label, (left.astype(np.int64) + right - 1) * length, len(sizes)) / 2
-    y = np.bincount(label, rows * length, len(sizes))
+    twice_x, y = left.astype(np.int64) + right - 1, rows.astype(np.int64)
+    if any(grid.periods):  # a run counts where it is nearest to the first of its superpixel
+        first = np.unique(label, return_index=True)[1][label]
+        for places, period in ((twice_x, 2 * grid.periods[0]), (y, grid.periods[1])):
+            if period:
+                places += period * np.rint((places[first] - places) / period).astype(np.int64)
+    x = np.bincount(label, twice_x * length, len(sizes)) / 2
+    y = np.bincount(label, y * length, len(sizes))
     return Superpixels(
         window=part.window,
         labels=label_part(part, runs),
@@ -274,6 +287,7 @@ def _described(
         compactness=grid.compactness,
         runs=runs,
         reduced=reduced,
+        periods=grid.periods,
     )
 
 
@@ -319,8 +333,8 @@ def label_part(part: Part, runs: Runs) -> Part:
 
 
 def label_spec(spec: oiio.ImageSpec) -> oiio.ImageSpec:
-    """The spec of a label map of an image: one uint32 channel of data with the same windows."""
-    new = derived_spec(spec)
+    """The spec of a label map of an image: one uint32 channel of data with the same windows, which tiles alike."""
+    new = tiled_spec(derived_spec(spec), tiling_of(spec))
     new.set_format(oiio.TypeDesc(oiio.UINT32))
     new.channelformats = ()
     new.nchannels, new.channelnames, new.alpha_channel, new.z_channel = 1, ("Y",), -1, -1

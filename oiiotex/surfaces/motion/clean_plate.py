@@ -16,7 +16,7 @@ from .sampling import REACH, at_points, centers, grown
 
 MOST_SCALE = 4.0  # plate pixels per pixel of the reference frame
 _MOST_SIDE = 1 << 15  # px
-_MARGIN = REACH + 1  # px of a frame around its region that rendering may read
+MARGIN = REACH + 1  # px of a frame around its region that are rendered, as the plate fades out there
 _EVERY = 8  # px between points that decide on size and scale
 _SHARP = 4  # power of a frame's resolution in its weight: the sharpest frame decides
 _WHOLE = 1e-3  # a filter weight farther from 1 includes pixels of the region or outside the frame
@@ -29,15 +29,15 @@ class PlateLayout:
     Attributes
     ----------
     shot : Shot
-        From frames to the plate's pixels.
-    window : Window
-        The plate's data window; the reference frame's top left pixel is at 0,0.
+        From frames to the plate's pixels. Its top left pixel is at 0,0, so that files without a window can hold it.
+    size : (int, int)
+        Width and height of the plate.
     scale : float
         Plate pixels per pixel of the reference frame.
     """
 
     shot: Shot
-    window: Window
+    size: tuple[int, int]
     scale: float
 
 
@@ -91,15 +91,15 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
         reach = max(np.ptp(region, axis=0).max(), max(size)) / 2
         near, far = region.min(0), region.max(0)
         low, high = np.maximum(low, near - reach), np.minimum(high, far + reach)
-        low, high = np.minimum(low, near - _MARGIN * widest), np.maximum(high, far + _MARGIN * widest)
+        low, high = np.minimum(low, near - MARGIN * widest), np.maximum(high, far + MARGIN * widest)
     window = Window(*(math.floor(v * scale) for v in low), *(math.ceil(v * scale) for v in high))
     if max(window.size) > _MOST_SIDE:
         raise ImageError(
             f"the plate would be {window.width}x{window.height} px: expected sides of at most {_MOST_SIDE} px",
             hint="choose a shorter range of frames",
         )
-    sized = np.diag([scale, scale, 1.0])
-    return PlateLayout({n: motion.then(sized) for n, motion in shot.items()}, window, scale)
+    onto_plate = np.array([[scale, 0, 0], [0, scale, 0], [-window.left, -window.top, 1.0]])
+    return PlateLayout({n: motion.then(onto_plate) for n, motion in shot.items()}, window.size, scale)
 
 
 def _steps(motion: FrameMotion, points: np.ndarray) -> np.ndarray:
@@ -146,7 +146,7 @@ def assembled(
     grain : (matched,) float64 or None
         Standard deviation of the shot's grain. None: no two frames show enough in common.
     """
-    whole = layout.window
+    whole = Window(0, 0, *layout.size)
     grains, sides = list[np.ndarray](), dict[bool, Side]()
     shape = whole.height, whole.width
     total, weight, needed = None, np.zeros(shape, np.float32), np.zeros(shape, bool)
@@ -184,20 +184,20 @@ def assembled(
 
 
 def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Points up to `_MARGIN` px beyond the border moved onto it: the filter reads there."""
+    """Points up to `MARGIN` px beyond the border moved onto it: the filter reads there."""
     edge = np.clip(points, 0.5, np.array(shape[::-1]) - 0.5)
-    return np.where(np.abs(points - edge).max(2, keepdims=True) <= _MARGIN, edge, points)
+    return np.where(np.abs(points - edge).max(2, keepdims=True) <= MARGIN, edge, points)
 
 
 def _margin(region: np.ndarray) -> np.ndarray:
     """A region with the pixels around it that rendering reads, (h, w, 1) float32."""
-    return grown(region, _MARGIN)[..., None].astype(np.float32)
+    return grown(region, MARGIN)[..., None].astype(np.float32)
 
 
 def _seen(motion: FrameMotion, shape: tuple[int, ...], whole: Window) -> Window:
     """The part of the plate that a frame shows."""
     height, width = shape
-    x, y = (np.linspace(-_MARGIN, n + _MARGIN, 9) for n in (width, height))
+    x, y = (np.linspace(-MARGIN, n + MARGIN, 9) for n in (width, height))
     rim = np.concatenate(
         [np.stack(np.broadcast_arrays(x, v), 1) for v in y[[0, -1]]]
         + [np.stack(np.broadcast_arrays(v, y), 1) for v in x[[0, -1]]]

@@ -96,9 +96,13 @@ def require_plane(matrix: np.ndarray, name: str) -> None:
         raise ImageError(f"{name} {NO_SURFACE}")
 
 
-def stored(shot: Shot) -> dict[str, np.ndarray]:
-    """A shot's motion as arrays for a file: `frames` (n,), `matrices` (n, 3, 3), and `bends` and `grain` if known."""
+def stored(shot: Shot, size: tuple[int, int]) -> dict[str, np.ndarray]:
+    """A shot's motion as arrays for a file, with the size of its plate.
+
+    `frames` (n,), `matrices` (n, 3, 3), `plate` (width, height), and `bends` and `grain` if known.
+    """
     arrays = {"frames": np.array(list(shot)), "matrices": np.stack([motion.matrix for motion in shot.values()])}
+    arrays["plate"] = np.array(size)
     bent = next((motion.bend for motion in shot.values() if motion.bend is not None), None)
     if bent is not None:
         none = np.zeros_like(bent)
@@ -135,6 +139,16 @@ def read_shot(path: Path, budget: int) -> Shot:
         int(number): FrameMotion(matrix, bend if bend.size else None, grain if grain.size else None)
         for number, matrix, bend, grain in each
     }
+
+
+def plate_size(path: Path, budget: int) -> tuple[int, int] | None:
+    """Width and height of the plate that a file of `stored` arrays belongs to. None: those of another program."""
+    size = read_arrays(path, budget).get("plate")
+    if size is None:
+        return None
+    if size.shape != (2,) or size.dtype.kind not in "iu":
+        raise ImageError(f"{path}: expected an array plate (2): width and height")
+    return int(size[0]), int(size[1])
 
 
 # --- motion from files ---

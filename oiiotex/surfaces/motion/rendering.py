@@ -7,22 +7,26 @@ import math
 
 from ...engine.core.window import Window
 from ...engine.deferred import np
+from .clean_plate import MARGIN
 from .frame_motion import FrameMotion
 from .light import gains, grain
 from .sampling import REACH, at_points, centers, grown, reduced
 
 _AROUND = 64  # px around the region in which light and grain are measured, and a quarter of its size
 _FILLED = 2 * REACH + 2  # px around the region where the plate may be filled, because filters read the region there
+_LEAST = 1e-3  # of the plate in a pixel that counts
 _STEEP = 1.15  # plate pixels per pixel of the frame: from here on the plate is reduced first
 
 
 def rendered(
     frame: np.ndarray, region: np.ndarray, plate: np.ndarray, known: np.ndarray, corner: tuple[int, int],
     motion: FrameMotion, matched: tuple[int, ...], grain_amount: float, number: int,
-) -> tuple[Window, np.ndarray, int]:  # fmt: skip
+) -> tuple[Window, np.ndarray, np.ndarray, int]:  # fmt: skip
     """The plate in the region of a frame, with the frame's light and grain.
 
-    Each frame is sampled from the plate once, so the result does not lose sharpness from frame to frame.
+    Each frame is sampled from the plate once, so the result does not lose sharpness from frame to frame. The plate
+    continues up to `MARGIN` px outside the region, where it fades out: its hole is that much larger, and the fill
+    matches the surface at the border of the hole only.
 
     Parameters
     ----------
@@ -47,11 +51,12 @@ def rendered(
     window : Window
         The changed part of the frame, from its top left.
     values : (window.height, window.width, c) float32
+    changed : (window.height, window.width) bool
     missing : int
         Pixels of the region that the plate does not cover. They are unchanged.
     """
-    inner = _bounds(region > 0)
     whole = Window(0, 0, frame.shape[1], frame.shape[0])
+    inner = _bounds(region > 0).grown(MARGIN, MARGIN) & whole
     around = _AROUND + max(inner.size) // 4
     window = inner.grown(around, around) & whole
     at = window.inside(whole)
@@ -60,22 +65,36 @@ def rendered(
     layers = np.concatenate([np.where(known[..., None], plate, 0), known[..., None]], 2, dtype=np.float32)
     seen = _sampled(layers, points)
     covered = np.abs(seen[..., -1] - 1) < 0.01
-    fill, values, amount = seen[..., :-1], frame[at], region[at]
+    fill, values = seen[..., :-1], frame[at]
     fill = np.where(covered[..., None], fill, 0)
     colors = list(matched)
-    usable = covered & ~grown(amount > 0, _FILLED) & np.isfinite(values).all(2)
+    usable = covered & ~grown(region[at] > 0, _FILLED) & np.isfinite(values).all(2)
     sources = np.where(usable[..., None], values[..., colors], 0)
     fill[..., colors] *= gains(sources, fill[..., colors], usable)
+    amount = np.where(covered, _feathered(region[at]), 0)[..., None]
     if grain_amount:
         difference = np.where(usable[..., None], values[..., colors] - fill[..., colors], 0)
         measured = None if motion.grain is None or len(motion.grain) < len(colors) else motion.grain[colors]
-        fill[..., colors] += grain_amount * grain(difference, fill[..., colors], usable, number, measured)
-    amount = np.where(covered, np.clip(amount, 0, 1), 0)[..., None]
-    near = (inner & whole).inside(window)
+        share = np.sqrt((2 - amount) / np.maximum(amount, _LEAST))  # variances of two grains add up to that of one
+        fill[..., colors] += grain_amount * share * grain(difference, fill[..., colors], usable, number, measured)
+    near = inner.inside(window)
     with np.errstate(invalid="ignore"):  # infinite values of the frame where nothing of it is used
         part = np.where(amount == 1, 0, (1 - amount) * values)
     mixed = np.where(amount == 0, values, part + amount * fill)
-    return inner, mixed[near], int(np.count_nonzero((region[at] > 0) & ~covered))
+    return inner, mixed[near], amount[near][..., 0] > 0, int(np.count_nonzero((region[at] > 0) & ~covered))
+
+
+def _feathered(region: np.ndarray) -> np.ndarray:
+    """A region, 0 to 1, grown by a pixel, and from there falling smoothly to 0 over `MARGIN` px.
+
+    The fill differs from the frame the most next to the region, and hardly 3 px outside, so it fades out late.
+    """
+    from scipy.ndimage import grey_dilation
+
+    steps = np.arange(-MARGIN, MARGIN + 1)
+    fall = np.maximum(np.hypot(steps, steps[:, None]) - 1, 0) / MARGIN
+    around = np.clip(grey_dilation(region, structure=-fall, mode="constant", cval=0.0), 0, 1)
+    return np.maximum(region, around * around * (3 - 2 * around)).astype(np.float32)
 
 
 def _bounds(mask: np.ndarray) -> Window:

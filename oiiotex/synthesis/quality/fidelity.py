@@ -335,3 +335,21 @@ def _missing(photo: np.ndarray, result: np.ndarray) -> float:
             counts[n] += np.bincount(index[at], weight[at], counts.shape[1])
     shares = counts / np.array([[len(photo)], [len(result)]])
     return round(float(np.maximum(0.0, shares[0] - shares[1]).sum()), 4)
+
+
+def graded(name: str, value: float) -> tuple[int, str]:
+    """Grade of a part of the fidelity (0 good, 1 fair, 2 poor), and what to say where it is not good."""
+    _, good, fair, said = next(limits for limits in _LIMITS if limits[0] == name)
+    return int(value > good) + int(value > fair), said
+
+
+def repetition_of(tile: np.ndarray) -> dict[str, float]:
+    """The parts of the fidelity that need no photo.
+
+    Parameters
+    ----------
+    tile : (height, width, 3) float
+        CIE Lab, a torus, reduced to `SIDE` px or less.
+    """
+    areas = blurred(tile - np.median(tile, (0, 1)), max(tile.shape[:2]) / _AREA, (True, True))
+    return {"waves": slow_waves(tile), "salient": salience(areas)}
