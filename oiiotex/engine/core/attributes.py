@@ -149,5 +149,5 @@ def require_utf8(*texts: str) -> None:
 
 
 def as_utf8(text: str) -> str:
-    """Text of a file or of the command line in UTF-8: other bytes are spelled out, as in caf\\xe9."""
+    """Text of a file or of the command line in UTF-8: other bytes are spelled out, as in \\xe9t\\xe9."""
     return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
