@@ -21,6 +21,8 @@ uint64_t folded(uint64_t a, uint64_t b)
     return uint64_t(product) ^ uint64_t(product >> 64);
 }
 
+constexpr size_t most_recent = 4;  // frames; the process keeps many more
+
 constexpr uint64_t salts[4] = { 0x9e3779b97f4a7c15, 0xc2b2ae3d27d4eb4f, 0x165667b19e3779f9, 0xd6e8feb86659fd93 };
 
 // A hash of pixels for a cache of the user's own frames: fast, and not made to resist an attacker.
@@ -57,26 +59,12 @@ void write_fully(int file, const char* from, size_t bytes)
     }
 }
 
-void read_fully(int file, char* to, size_t bytes, off_t at)
-{
-    while (bytes) {
-        const ssize_t count = pread(file, to, bytes, at);
-        if (count < 0 && errno == EINTR)
-            continue;
-        if (count <= 0)
-            throw Error("the oiiotex process sent fewer pixels than it said");
-        to += count;
-        at += count;
-        bytes -= count;
-    }
-}
-
 // Fill the window of `out` from rows of an area: `copy` gets a pointer to `count` pixels of `out` from (x, y).
 template<typename Copy>
 void fill(const HostImage& out, const ofx::RectI& window, const ofx::RectI& area, const Copy& copy)
 {
-    const ofx::RectI bounds = out.bounds();
-    const size_t bytes      = out.pixel_bytes();
+    const ofx::RectI bounds = out.bounds;
+    const size_t bytes      = out.pixel_bytes;
     const int left = std::max(bounds.x1, window.x1), right = std::min(bounds.x2, window.x2);
     const int first = std::clamp(area.x1, left, std::max(left, right));
     const int last  = std::clamp(area.x2, first, std::max(first, right));
@@ -111,21 +99,21 @@ Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::R
 
 Json Input::facts(const std::string& space) const
 {
-    return image_facts(slot, image.bounds(), image.definition(), mask ? 1 : image.channels(), image.type(), space);
+    return image_facts(slot, image.bounds, image.definition, mask ? 1 : image.channels, image.type, space);
 }
 
 void Input::add_to(uint64_t hash[2]) const
 {
-    const ofx::RectI bounds = image.bounds();
+    const ofx::RectI bounds = image.bounds;
     for (int y = bounds.y2 - 1; y >= bounds.y1; --y)
-        add_bytes(image.row(y), (bounds.x2 - bounds.x1) * image.pixel_bytes(), hash);
+        add_bytes(image.row(y), (bounds.x2 - bounds.x1) * image.pixel_bytes, hash);
 }
 
 Sent Input::sent() const
 {
-    const ofx::RectI bounds = image.bounds();
-    const int width = bounds.x2 - bounds.x1, channels = image.channels(), kept = mask ? 1 : channels;
-    const size_t bytes = image.pixel_bytes(), sample = bytes / channels, skipped = channels == 4 ? 3 * sample : 0;
+    const ofx::RectI bounds = image.bounds;
+    const int width = bounds.x2 - bounds.x1, channels = image.channels, kept = mask ? 1 : channels;
+    const size_t bytes = image.pixel_bytes, sample = bytes / channels, skipped = channels == 4 ? 3 * sample : 0;
     Descriptor memory(memfd_create("oiiotex", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (memory.number() < 0)
         throw Error("no memory for an image");
@@ -140,7 +128,7 @@ Sent Input::sent() const
         write_fully(memory.number(), from, row.size());
     }
     fcntl(memory.number(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE);
-    const std::string type = image.type();
+    const std::string type = image.type;
     return { std::move(memory), { { "type", type == "float" ? "<f4" : type == "half" ? "<f2" : "|u1" },
                                   { "shape", { bounds.y2 - bounds.y1, width, kept } } } };
 }
@@ -158,25 +146,62 @@ std::string key_of(const Json& request, const std::vector<Input>& inputs)
     return key;
 }
 
-void copy_answer(const Reply& reply, int x, int y, const HostImage& out, const ofx::RectI& window)
+Frame::Frame(const Reply& reply) : facts(reply.facts)
 {
-    const int width = reply.facts.at("place").at(2), height = reply.facts.at("place").at(3);
-    const size_t bytes = out.pixel_bytes();
-    if (width < 0 || height < 0 || reply.memory.number() < 0
-        || lseek(reply.memory.number(), 0, SEEK_END) != off_t(width) * height * off_t(bytes))
+    const int file  = reply.memory.number();
+    const off_t end = file < 0 ? 0 : lseek(file, 0, SEEK_END);
+    const int seals = file < 0 ? -1 : fcntl(file, F_GET_SEALS);
+    if (end <= 0 || seals < 0 || !(seals & F_SEAL_SHRINK))  // memory that shrinks would crash the host
+        throw Error("the oiiotex process sent no pixels");
+    void* pixels = mmap(nullptr, end, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0);
+    if (pixels == MAP_FAILED)
+        throw Error("no memory for an image");
+    m_pixels = static_cast<const char*>(pixels);
+    m_bytes  = end;
+}
+
+Frame::~Frame()
+{
+    munmap(const_cast<char*>(m_pixels), m_bytes);
+}
+
+void Frame::copy(int x, int y, const HostImage& out, const ofx::RectI& window) const
+{
+    const int width = facts.at("place").at(2), height = facts.at("place").at(3);
+    if (width < 0 || height < 0 || size_t(width) * height * out.pixel_bytes != m_bytes)
         throw Error("the oiiotex process sent other pixels than requested");
     fill(out, window, { x, y, x + width, y + height }, [&](char* to, int left, int row, int count) {
-        read_fully(reply.memory.number(), to, count * bytes, (off_t(y + height - 1 - row) * width + left - x) * bytes);
+        const size_t at = size_t(y + height - 1 - row) * width + left - x;
+        std::memcpy(to, m_pixels + at * out.pixel_bytes, count * out.pixel_bytes);
     });
+}
+
+std::shared_ptr<const Frame> RecentFrames::find(const std::string& key)
+{
+    std::lock_guard<std::mutex> guard(m_lock);
+    const auto found = std::find_if(m_frames.begin(), m_frames.end(), [&](const auto& one) { return one.first == key; });
+    if (found == m_frames.end())
+        return nullptr;
+    std::rotate(found, found + 1, m_frames.end());
+    return m_frames.back().second;
+}
+
+std::shared_ptr<const Frame> RecentFrames::keep(const std::string& key, std::shared_ptr<const Frame> frame)
+{
+    std::lock_guard<std::mutex> guard(m_lock);
+    if (m_frames.size() == most_recent)
+        m_frames.erase(m_frames.begin());
+    m_frames.emplace_back(key, frame);
+    return frame;
 }
 
 void copy_image(const HostImage& from, const HostImage& out, const ofx::RectI& window)
 {
     ofx::RectI area {};
-    if (from && from.type() == out.type() && from.channels() == out.channels())
-        area = from.bounds();
+    if (from && from.type == out.type && from.channels == out.channels)
+        area = from.bounds;
     fill(out, window, area, [&](char* to, int left, int y, int count) {
-        std::memcpy(to, from.row(y) + (left - area.x1) * out.pixel_bytes(), count * out.pixel_bytes());
+        std::memcpy(to, from.row(y) + (left - area.x1) * out.pixel_bytes, count * out.pixel_bytes);
     });
 }
 

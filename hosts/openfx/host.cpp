@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host.h"
 
+#include <utility>
+
 namespace oiiotex {
 
 Suites suites;
@@ -54,30 +56,34 @@ HostImage::HostImage(void* clip, double time, const ofx::RectD* region)
 {
     if (!clip || suites.effect->image(clip, time, region, &m_image) != ofx::ok)
         m_image = nullptr;
+    const Properties own(m_image);
+    bounds = definition = own.rectangle("OfxImagePropBounds");
+    const ofx::RectI whole = own.rectangle("OfxImagePropRegionOfDefinition");
+    if (whole.x2 > whole.x1 && whole.y2 > whole.y1)
+        definition = whole;
+    channels    = channels_of(own);
+    type        = type_of(own);
+    pixel_bytes = channels * (type == "float" ? 4 : type == "half" ? 2 : type == "uint8");
+    m_data      = static_cast<char*>(own.pointer("OfxImagePropData"));
+    m_stride    = own.integer("OfxImagePropRowBytes");
+}
+
+HostImage::HostImage(HostImage&& other) noexcept
+    : bounds(other.bounds)
+    , definition(other.definition)
+    , channels(other.channels)
+    , type(std::move(other.type))
+    , pixel_bytes(other.pixel_bytes)
+    , m_image(std::exchange(other.m_image, nullptr))
+    , m_data(other.m_data)
+    , m_stride(other.m_stride)
+{
 }
 
 HostImage::~HostImage()
 {
     if (m_image)
         suites.effect->release(m_image);
-}
-
-ofx::RectI HostImage::definition() const
-{
-    const ofx::RectI region = Properties(m_image).rectangle("OfxImagePropRegionOfDefinition");
-    return region.x2 > region.x1 && region.y2 > region.y1 ? region : bounds();
-}
-
-size_t HostImage::pixel_bytes() const
-{
-    const std::string name = type();
-    return channels() * (name == "float" ? 4 : name == "half" ? 2 : 1);
-}
-
-char* HostImage::row(int y) const
-{
-    const ptrdiff_t stride = Properties(m_image).integer("OfxImagePropRowBytes");
-    return static_cast<char*>(data()) + (y - bounds().y1) * stride;
 }
 
 std::optional<ofx::RectD> Clip::definition(double time) const

@@ -4,6 +4,7 @@
 
 #include "ofx.h"
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
@@ -41,25 +42,24 @@ private:
 int channels_of(const Properties& properties);
 std::string type_of(const Properties& properties);
 
-// An image of a clip, released with the object.
+// An image of a clip, released with the object. Hosts look properties up by name, so that they are read once.
 class HostImage {
 public:
-    HostImage(void* clip, double time, const ofx::RectD* region);
-    HostImage(HostImage&& other) noexcept : m_image(other.m_image) { other.m_image = nullptr; }
-    ~HostImage();
-    explicit operator bool() const { return m_image && data(); }
+    ofx::RectI bounds {}, definition {};
+    int channels = 0;  // as of channels_of and type_of
+    std::string type;
+    size_t pixel_bytes = 0;
 
-    ofx::RectI bounds() const { return Properties(m_image).rectangle("OfxImagePropBounds"); }
-    ofx::RectI definition() const;
-    int channels() const { return channels_of(Properties(m_image)); }
-    std::string type() const { return type_of(Properties(m_image)); }
-    size_t pixel_bytes() const;
-    char* row(int y) const;  // the pixel (bounds().x1, y)
+    HostImage(void* clip, double time, const ofx::RectD* region);
+    HostImage(HostImage&& other) noexcept;
+    ~HostImage();
+    explicit operator bool() const { return m_data && pixel_bytes; }
+    char* row(int y) const { return m_data + (y - bounds.y1) * m_stride; }  // the pixel (bounds.x1, y)
 
 private:
-    void* m_image = nullptr;
-
-    void* data() const { return Properties(m_image).pointer("OfxImagePropData"); }
+    void* m_image      = nullptr;
+    char* m_data       = nullptr;
+    ptrdiff_t m_stride = 0;
 };
 
 // A clip of an effect.

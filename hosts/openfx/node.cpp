@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <memory>
 
 namespace oiiotex {
 namespace {
@@ -495,7 +494,7 @@ ofx::Status Node::changed(const Effect& effect, const Properties& in) const
         std::vector<Input> images = inputs(effect, time);
         Json asked                = request(effect, { time, 1, 1 });
         asked.update({ { "channels", 4 }, { "type", "float" }, { "measure", true } });
-        effect.set_text("verdict", frame(effect, asked, images, { time, 1, 1 }).facts.at("verdict"));
+        effect.set_text("verdict", frame(effect, asked, images, { time, 1, 1 })->facts.at("verdict"));
     }
     effect.set_text("line", line(effect, time));
     return ofx::ok;
@@ -514,19 +513,23 @@ std::vector<Input> Node::inputs(const Effect& effect, double time) const
         const double frame = frame_of(effect, input, time);
         const auto region  = clip.definition(frame);
         HostImage image(clip.handle, frame, region ? &*region : nullptr);
-        if (!image || !image.channels() || image.type().empty())
+        if (!image)
             throw Error(name + " has no image of RGBA, RGB or alpha at frame " + number(frame));
         result.push_back({ input.at("slot"), std::move(image), input.at("mask") });
     }
     return result;
 }
 
-Reply Node::frame(const Effect& effect, Json asked, const std::vector<Input>& images, const Moment& moment) const
+std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const std::vector<Input>& images,
+                                         const Moment& moment) const
 {
+    static auto& recent = *new RecentFrames;
     for (const Input& one : images)
         asked["inputs"].push_back(one.facts(one.mask ? "" : space(effect, moment.time)));
-    const std::string key = key_of(asked, images);
-    Process& process      = process_of(effect);
+    const std::string key = key_of(asked, images) + effect.properties().text("OfxImageEffectPropOCIOConfig");
+    if (auto found = recent.find(key))
+        return found;
+    Process& process = process_of(effect);
     ProgressBar bar(effect);
     std::vector<Sent> sent;
     for (int tries = 3;; --tries) {
@@ -538,7 +541,7 @@ Reply Node::frame(const Effect& effect, Json asked, const std::vector<Input>& im
                 asked.update({ { "do", "frame" }, { "key", key } });
                 reply = process.ask(asked, sent, bar.watch());
             }
-            return reply;
+            return recent.keep(key, std::make_shared<Frame>(reply));
         } catch (const Ended&) {
             if (tries == 1)
                 throw;
@@ -552,7 +555,7 @@ ofx::Status Node::render(const Effect& effect, const Properties& in) const
                           in.real("OfxImageEffectPropRenderScale", 1, 1) };
     const ofx::RectI window = in.rectangle("OfxImageEffectPropRenderWindow");
     const HostImage out(effect.clip("Output").handle, moment.time, nullptr);
-    if (!out || !out.channels() || out.type().empty())
+    if (!out)
         return ofx::failed;
     if (effect.aborted())
         return ofx::ok;
@@ -564,8 +567,8 @@ ofx::Status Node::render(const Effect& effect, const Properties& in) const
     }
     const std::vector<Input> images = inputs(effect, moment.time);
     Json asked                      = request(effect, moment);
-    asked.update({ { "channels", out.channels() }, { "type", out.type() } });
-    ofx::RectI corner = images.at(0).image.definition();
+    asked.update({ { "channels", out.channels }, { "type", out.type } });
+    ofx::RectI corner = images.at(0).image.definition;
     if (flag("anywindow")) {
         const ofx::RectD all = plane(effect, moment.time);
         int x, y;
@@ -579,15 +582,16 @@ ofx::Status Node::render(const Effect& effect, const Properties& in) const
             asked["values"].erase("size");
         corner = window;
     }
-    const Reply reply = frame(effect, asked, images, moment);
-    const auto place = reply.facts.at("place").get<std::array<int, 4>>(), full = reply.facts.at("full").get<std::array<int, 4>>();
+    const auto made = frame(effect, asked, images, moment);
     if (!flag("anywindow")) {
+        const auto place = made->facts.at("place").get<std::array<int, 4>>();
+        const auto full  = made->facts.at("full").get<std::array<int, 4>>();
         corner.x1 += place[0] - full[0];
         corner.y1 += full[1] + full[3] - (place[1] + place[3]);
         if (moment.scale_x == 1)
-            Places::get().keep(plan(effect, moment.time).dump(), reply.facts);
+            Places::get().keep(plan(effect, moment.time).dump(), made->facts);
     }
-    copy_answer(reply, corner.x1, corner.y1, out, window);
+    made->copy(corner.x1, corner.y1, out, window);
     effect.clear_error();
     return ofx::ok;
 }

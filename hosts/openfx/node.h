@@ -41,7 +41,8 @@ private:
     Json request(const Effect& effect, const Moment& moment) const;    // without images
     Json plan(const Effect& effect, double time) const;                // a request at full size, without pixels
     std::vector<Input> inputs(const Effect& effect, double time) const;
-    Reply frame(const Effect& effect, Json asked, const std::vector<Input>& images, const Moment& moment) const;
+    std::shared_ptr<const Frame> frame(const Effect& effect, Json asked, const std::vector<Input>& images,
+                                       const Moment& moment) const;
 };
 
 }  // namespace oiiotex
