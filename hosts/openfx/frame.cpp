@@ -156,13 +156,8 @@ Frame::Frame(const Reply& reply) : facts(reply.facts)
     void* pixels = mmap(nullptr, end, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0);
     if (pixels == MAP_FAILED)
         throw Error("no memory for an image");
-    m_pixels = static_cast<const char*>(pixels);
     m_bytes  = end;
-}
-
-Frame::~Frame()
-{
-    munmap(const_cast<char*>(m_pixels), m_bytes);
+    m_pixels = { static_cast<const char*>(pixels), [end](const char* from) { munmap(const_cast<char*>(from), end); } };
 }
 
 void Frame::copy(int x, int y, const HostImage& out, const ofx::RectI& window) const
@@ -172,7 +167,7 @@ void Frame::copy(int x, int y, const HostImage& out, const ofx::RectI& window) c
         throw Error("the oiiotex process sent other pixels than requested");
     fill(out, window, { x, y, x + width, y + height }, [&](char* to, int left, int row, int count) {
         const size_t at = size_t(y + height - 1 - row) * width + left - x;
-        std::memcpy(to, m_pixels + at * out.pixel_bytes, count * out.pixel_bytes);
+        std::memcpy(to, m_pixels.get() + at * out.pixel_bytes, count * out.pixel_bytes);
     });
 }
 

@@ -31,15 +31,14 @@ std::string key_of(const Json& request, const std::vector<Input>& inputs);
 class Frame {
 public:
     explicit Frame(const Reply& reply);
-    ~Frame();
     Json facts;
 
     // Copy it into the window of an image of its channels and type, its lower left corner to (x, y); 0 elsewhere.
     void copy(int x, int y, const HostImage& out, const ofx::RectI& window) const;
 
 private:
-    size_t m_bytes       = 0;
-    const char* m_pixels = nullptr;
+    size_t m_bytes = 0;
+    std::shared_ptr<const char> m_pixels;
 };
 
 // The frames that were used last, so that a viewer that pans need not even ask the process.

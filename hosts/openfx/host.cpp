@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host.h"
 
-#include <utility>
-
 namespace oiiotex {
 
 Suites suites;
@@ -54,9 +52,11 @@ std::string type_of(const Properties& properties)
 
 HostImage::HostImage(void* clip, double time, const ofx::RectD* region)
 {
-    if (!clip || suites.effect->image(clip, time, region, &m_image) != ofx::ok)
-        m_image = nullptr;
-    const Properties own(m_image);
+    void* image = nullptr;
+    if (!clip || suites.effect->image(clip, time, region, &image) != ofx::ok || !image)
+        return;
+    m_image = std::shared_ptr<void>(image, [](void* taken) { suites.effect->release(taken); });
+    const Properties own(image);
     bounds = definition = own.rectangle("OfxImagePropBounds");
     const ofx::RectI whole = own.rectangle("OfxImagePropRegionOfDefinition");
     if (whole.x2 > whole.x1 && whole.y2 > whole.y1)
@@ -66,24 +66,6 @@ HostImage::HostImage(void* clip, double time, const ofx::RectD* region)
     pixel_bytes = channels * (type == "float" ? 4 : type == "half" ? 2 : type == "uint8");
     m_data      = static_cast<char*>(own.pointer("OfxImagePropData"));
     m_stride    = own.integer("OfxImagePropRowBytes");
-}
-
-HostImage::HostImage(HostImage&& other) noexcept
-    : bounds(other.bounds)
-    , definition(other.definition)
-    , channels(other.channels)
-    , type(std::move(other.type))
-    , pixel_bytes(other.pixel_bytes)
-    , m_image(std::exchange(other.m_image, nullptr))
-    , m_data(other.m_data)
-    , m_stride(other.m_stride)
-{
-}
-
-HostImage::~HostImage()
-{
-    if (m_image)
-        suites.effect->release(m_image);
 }
 
 std::optional<ofx::RectD> Clip::definition(double time) const

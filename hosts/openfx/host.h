@@ -5,6 +5,7 @@
 #include "ofx.h"
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <string>
 
@@ -51,13 +52,11 @@ public:
     size_t pixel_bytes = 0;
 
     HostImage(void* clip, double time, const ofx::RectD* region);
-    HostImage(HostImage&& other) noexcept;
-    ~HostImage();
     explicit operator bool() const { return m_data && pixel_bytes; }
     char* row(int y) const { return m_data + (y - bounds.y1) * m_stride; }  // the pixel (bounds.x1, y)
 
 private:
-    void* m_image      = nullptr;
+    std::shared_ptr<void> m_image;
     char* m_data       = nullptr;
     ptrdiff_t m_stride = 0;
 };

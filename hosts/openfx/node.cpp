@@ -172,8 +172,7 @@ Properties define(const Effect& effect, const Json& parameter)
 
 ofx::Status Node::describe(const Effect& effect) const
 {
-    const Properties own   = effect.properties();
-    const std::string name = m_facts.at("name");
+    const Properties own = effect.properties();
     own.set("OfxPropLabel", m_facts.at("label").get<std::string>());
     own.set("OfxPropPluginDescription", m_facts.at("help").get<std::string>());
     own.set("OfxImageEffectPluginPropGrouping", "oiiotex");
@@ -182,11 +181,12 @@ ofx::Status Node::describe(const Effect& effect) const
         own.set("OfxImageEffectPropSupportedContexts", "OfxImageEffectContext" + context.get<std::string>(), contexts++);
     for (int n = 0; n < 3; ++n)
         own.set("OfxImageEffectPropSupportedPixelDepths", depths[n], n);
-    own.set("OfxImageEffectPluginPropSingleInstance", 0);
-    own.set("OfxImageEffectPluginPropHostFrameThreading", 0);
-    own.set("OfxImageEffectPropSupportsMultiResolution", 1);
-    own.set("OfxImageEffectPropSupportsTiles", int(flag("anywindow")));
-    own.set("OfxImageEffectPropTemporalClipAccess", int(flag("still")));
+    for (const auto& [name, value] : { std::pair("OfxImageEffectPluginPropSingleInstance", false),
+                                       { "OfxImageEffectPluginPropHostFrameThreading", false },
+                                       { "OfxImageEffectPropSupportsMultiResolution", true },
+                                       { "OfxImageEffectPropSupportsTiles", flag("anywindow") },
+                                       { "OfxImageEffectPropTemporalClipAccess", flag("still") } })
+        own.set(name, int(value));
     own.set("OfxImageEffectPluginRenderThreadSafety", "OfxImageEffectRenderFullySafe");
     own.set("OfxImageEffectPropOpenCLRenderSupported", "false");  // buffers would have to cross processes
     own.set("OfxImageEffectPropColourManagementStyle", "OfxImageEffectColourManagementOCIO");
@@ -264,15 +264,14 @@ double Node::frame_of(const Effect& effect, const Json& input, double time) cons
 
 Json Node::values(const Effect& effect, const Moment& moment) const
 {
-    Json result          = Json::object();
-    const double scale   = moment.scale_x;
-    const double time    = moment.time;
+    Json result        = Json::object();
+    const double scale = moment.scale_x, time = moment.time;
     for (const Json& parameter : m_facts.at("params")) {
         const std::string name = parameter.at("name"), type = parameter.at("type");
         if (parameter.at("host"))  // not of the op
             continue;
-        const bool moves = parameter.at("pixels") && !parameter.at("auto") && scale != 1;  // a default in pixels, too
         const double px  = parameter.at("pixels") ? scale : 1;
+        const bool moves = px != 1 && !parameter.at("auto");  // a default in pixels, too
         if (type == "choice") {
             const Json& options = parameter.at("options");
             const size_t chosen = std::clamp(effect.integer(name, time), 0, int(options.size()) - 1);
@@ -283,20 +282,17 @@ Json Node::values(const Effect& effect, const Moment& moment) const
             int width, height;
             effect.pair(name, time, &width, &height);
             if (width > 0 && height > 0)
-                result[name] = number(std::max(1.0, std::round(width * moment.scale_x))) + "x"
-                               + number(std::max(1.0, std::round(height * moment.scale_y)));
+                result[name] = std::to_string(std::max(1L, std::lround(width * moment.scale_x))) + "x"
+                               + std::to_string(std::max(1L, std::lround(height * moment.scale_y)));
         } else if (type == "string") {
             const std::string text = effect.text(name.c_str(), time);
             if (text != parameter.at("default"))
                 result[name] = px == 1 ? text : scaled_list(text, px);
-        } else if (type == "float") {
-            const double value = effect.real(name, time);
-            if (value != parameter.at("default") || moves)
-                result[name] = number(px == 1 ? value : scaled(value, px, parameter));
         } else {
-            const int value = effect.integer(name, time);
+            const double value = type == "float" ? effect.real(name, time) : effect.integer(name, time);
+            const double used  = px == 1 ? value : scaled(value, px, parameter);
             if (value != parameter.at("default") || moves)
-                result[name] = number(px == 1 ? value : std::round(scaled(value, px, parameter)));
+                result[name] = type == "float" ? number(used) : std::to_string(std::lround(used));
         }
     }
     const std::string ask = output(effect, time).at("ask");
