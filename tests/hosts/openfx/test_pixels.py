@@ -67,7 +67,9 @@ def test_a_fill_takes_region_and_mask_from_clips(host: Host):
     node.clips["Region"].connect(Image(host, region))
     wanted = of_filter("Fill", buffer(pixels), buffer(region, ""), **VALUES["Fill"])
     np.testing.assert_array_equal(rendered(host, node), wanted)
-    node.clips["Region"].connect(Image(host, np.concatenate([pixels[..., :3] * 0 + 0.5, region], -1)))  # its alpha counts
+    node.clips["Region"].connect(
+        Image(host, np.concatenate([pixels[..., :3] * 0 + 0.5, region], -1))
+    )  # its alpha counts
     np.testing.assert_array_equal(rendered(host, node), wanted)
     mask = np.ones_like(region)
     mask[:, 60:] = 0
@@ -99,7 +101,9 @@ def test_labels_are_ids_a_cryptomatte_or_one_matte(host: Host):
 
 @pytest.mark.parametrize("padding", [0, 52])
 @pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.parametrize(("dtype", "channels"), [("float32", 3), ("float32", 1), ("float16", 4), ("uint8", 4), ("uint8", 3)])
+@pytest.mark.parametrize(
+    ("dtype", "channels"), [("float32", 3), ("float32", 1), ("float16", 4), ("uint8", 4), ("uint8", 3)]
+)
 def test_rows_may_be_padded_run_backward_and_begin_anywhere(host: Host, padding, backward, dtype, channels):
     pixels = photo(channels=max(channels, 3))[..., :channels]
     pixels = np.rint(pixels * 255).astype(np.uint8) if dtype == "uint8" else pixels.astype(dtype)
@@ -161,7 +165,5 @@ def test_lengths_are_those_of_the_full_size(host: Host):
         assert host.render(node, window, out, scale=(scale, scale)) == OK, node.messages
         size = (round(120 * scale), round(80 * scale))
         patch = {0.5: 5, 0.75: 9}[scale]
-        wanted = of_filter(
-            "Tile", buffer(pixels), sigma=16 * scale, size=size, patch=patch, iterations=3, lattice=0.0
-        )
+        wanted = of_filter("Tile", buffer(pixels), sigma=16 * scale, size=size, patch=patch, iterations=3, lattice=0.0)
         np.testing.assert_array_equal(out.rows(), wanted)
