@@ -113,7 +113,7 @@ def test_rows_may_be_padded_run_backward_and_begin_anywhere(host: Host, padding,
     node.clips["Source"].connect(Image(host, pixels, corner, padding, backward))
     assert region(node) == (-31, 17, 65, 81)
     found = rendered(host, node, dtype, channels, padding=2 * padding, backward=not backward)
-    wanted = of_filter("Flatten", buffer(pixels, "" if data else SPACE), radius=12.0, **{k: True for k in data})
+    wanted = of_filter("Flatten", buffer(pixels, "" if data else SPACE), radius=12.0, **dict.fromkeys(data, True))
     np.testing.assert_array_equal(found, wanted)
 
 
