@@ -59,7 +59,7 @@ _LAST = (
 
 
 def _first_parameters(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What the node shows, and its color space."""
+    """The parameters for the output and the color space."""
     space = "Color space of the inputs, or a role of the config. Default: the host's, if it tells one."
     first = []
     if len(outputs) > 1:
@@ -132,7 +132,7 @@ def _input(number: int, image: Parameter, op: type[Op]) -> dict[str, Any]:
 
 
 def _outputs(op: type[Op]) -> list[dict[str, Any]]:
-    """What the node can show: the op's image, and each part that a parameter requests."""
+    """The outputs of the node: the op's image, and each part that a parameter requests."""
     shown = [o for o in op.outputs if o.kind.is_image and o.kind is not Kind.PICTURE and not o.of]
     shown = [o for o in shown if o.name != "transfer"]  # only with a graph, which is a file
     shown.sort(key=lambda output: bool(output.asked_by))

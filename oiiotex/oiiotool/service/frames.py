@@ -68,8 +68,8 @@ def _bytes_of(frame: Frame) -> int:
 def frame(job: DeviceJob, asked: dict[str, Any], arrays: list[np.ndarray] | tuple[()], session: Session) -> Frame:
     """A frame: facts with its place, and its pixels, (height, width, channels), as the host asks for them.
 
-    `asked` has an op with its values; `inputs`, a slot and an image of one part for each array; `part`, the part of the
-    result that is wanted; and the `channels` and the `type` of the host's pixels.
+    `asked` has an op with its values; `inputs`, a slot and an image of one part for each array; `part`, the required
+    part of the result; and the `channels` and the `type` of the host's pixels.
     """
     progress = Progress(job.advance, measure=bool(asked.get("measure")))
     images = [image_of(one["image"], [array]) for one, array in zip(asked["inputs"], arrays, strict=True)]
@@ -105,7 +105,7 @@ def _op(asked: dict[str, Any], images: list[Image]) -> Op:
 
 
 def _verdict(log: list[tuple[str, str]]) -> str:
-    """What the log says about the quality of a result: warnings, and lines that begin with a grade."""
+    """The log's verdict on the quality of a result: warnings, and lines that begin with a grade."""
     texts = [(level, text.partition(": ")[2]) for level, text in log]
     judged = [text for level, text in texts if level == "warning" or text.partition(":")[0] in GRADES]
     return " ".join(judged) or "The result has no verdict."
