@@ -26,11 +26,11 @@ from .messages import Memory
 from .pictures import image_of, spec_of
 from .work import bound, op_named
 
-Frame = tuple[dict[str, Any], list[Memory]]
+HostFrame = tuple[dict[str, Any], list[Memory]]
 _TYPES = {"uint8": "uint8", "half": "float16", "float": "float32"}
 
 
-class Frames:
+class HostFrames:
     """Finished frames by key, evicted by last use. Safe to use from any thread.
 
     Parameters
@@ -41,17 +41,17 @@ class Frames:
 
     def __init__(self, budget: int):
         self._budget, self._bytes = budget, 0
-        self._kept: OrderedDict[str, Frame] = OrderedDict()
+        self._kept: OrderedDict[str, HostFrame] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: str) -> Frame | None:
+    def get(self, key: str) -> HostFrame | None:
         """The frame, or None."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
             return self._kept.get(key)
 
-    def put(self, key: str, frame: Frame) -> Frame:
+    def put(self, key: str, frame: HostFrame) -> HostFrame:
         """Keep a frame, and return it."""
         with self._lock:
             self._bytes += _bytes_of(frame) - _bytes_of(self._kept.pop(key, ({}, [])))
@@ -61,11 +61,11 @@ class Frames:
         return frame
 
 
-def _bytes_of(frame: Frame) -> int:
+def _bytes_of(frame: HostFrame) -> int:
     return sum(memory.nbytes for memory in frame[1])
 
 
-def frame(job: DeviceJob, asked: dict[str, Any], arrays: list[np.ndarray] | tuple[()], session: Session) -> Frame:
+def frame(job: DeviceJob, asked: dict[str, Any], arrays: list[np.ndarray] | tuple[()], session: Session) -> HostFrame:
     """A frame: facts with its place, and its pixels, (height, width, channels), as the host asks for them.
 
     `asked` has an op with its values; `inputs`, a slot and an image of one part for each array; `part`, the required

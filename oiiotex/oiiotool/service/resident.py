@@ -28,7 +28,7 @@ from ...engine.session import Session
 from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
-from .frames import Frames, frame, planned_places
+from .frames import HostFrames, frame, planned_places
 from .jobs import DeviceJob, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
@@ -50,7 +50,7 @@ class Resident:
         self._settings = settings
         self._session = Session.of(Resources(settings), Progress())
         self._session.resources.memory = settings.budget // MEMORY_SHARE
-        self.jobs, self.frames = Jobs(), Frames(settings.budget // MEMORY_SHARE)
+        self.jobs, self.frames = Jobs(), HostFrames(settings.budget // MEMORY_SHARE)
         self._clients: set[_Connection] = set()
         self._busy = time.monotonic()
         self._end = False

@@ -26,12 +26,13 @@ def run(file: Path, seed: int, count: int, kills: int, **environment: str) -> st
 
 @pytest.fixture(scope="session")
 def sanitized(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The plugin with sanitizers, and the library that must be loaded first."""
+    """The plugin with sanitizers, and the libraries that must be loaded first: exceptions are intercepted, too."""
     file = built(shared(tmp_path_factory, "openfx_sanitized"), "address,undefined")
-    said = subprocess.run(["c++", "-print-file-name=libasan.so"], capture_output=True, text=True).stdout.strip()
-    if not os.path.isabs(said):
+    lines = [["c++", f"-print-file-name={name}"] for name in ("libasan.so", "libstdc++.so.6")]
+    found = [subprocess.run(line, capture_output=True, text=True).stdout.strip() for line in lines]
+    if not all(map(os.path.isabs, found)):
         pytest.skip("THE SANITIZERS ARE NOT RUN: c++ has no libasan.so")
-    return file, said
+    return file, " ".join(found)
 
 
 def test_forty_sequences(plugin: Path, resident: Callable[[], int]):
