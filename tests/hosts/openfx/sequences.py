@@ -10,6 +10,7 @@ import os
 import random
 import signal
 import sys
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -35,7 +36,7 @@ class Sequences:
 
     def __init__(self, file: Path, seed: int):
         self.random, self.host, self.statuses = random.Random(seed), Host(file), Counter[tuple[str, int]]()
-        self.killed = 0
+        self.killers: list[threading.Timer] = []
 
     def image(self) -> Image:
         """Pixels of any layout."""
@@ -97,26 +98,31 @@ class Sequences:
             self.statuses[action, status] += 1
         assert node.do("OfxActionDestroyInstance") in STATUS
 
-    def kill(self) -> None:
-        """Kill the resident process, if there is one."""
+    def kill_soon(self) -> None:
+        """Kill the resident process during one of the next sequences."""
+        for killer in self.killers[-1:]:
+            killer.join()
         client = connect(ResidentSettings.of(Session(device_name=None)))
-        os.kill(client.hello()["pid"], signal.SIGKILL)
+        words = client.hello()["pid"], signal.SIGKILL
         client.close()
-        self.killed += 1
+        self.killers.append(threading.Timer(self.random.random() / 4, os.kill, words))
+        self.killers[-1].start()
 
 
 def main(file: str, seed: str, count: str, kills: str) -> None:
-    """Run sequences; the process is killed `kills` times between and during them."""
+    """Run sequences; the process is killed `kills` times meanwhile."""
     sequences = Sequences(Path(file), int(seed))
     for number in range(int(count)):
         sequences.run()
         if int(kills) and number % (int(count) // int(kills)) == 0:
-            sequences.kill()
+            sequences.kill_soon()
+    for killer in sequences.killers[-1:]:
+        killer.join()
     host = sequences.host
     assert host.wrong == [] and host.taken == 0, (host.wrong[:3], host.taken)
     host.unload()
     rendered = sequences.statuses["render", OK]
-    print(f"{count} sequences, {rendered} renders, {sequences.killed} kills")
+    print(f"{count} sequences, {rendered} renders, {len(sequences.killers)} kills")
     print(dict(sequences.statuses), file=sys.stderr)
 
 
