@@ -13,6 +13,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.settings import ResidentSettings
 from tests.hosts.openfx.conftest import SPACE, photo, region, rendered, with_source
 from tests.hosts.openfx.host import FAILED, OK, REPLY_DEFAULT, Host, Image, Node
 
@@ -65,6 +68,16 @@ def test_the_space_is_the_one_that_is_chosen(host: Host):
     node.parameters["colorspace"].set("no such space")
     assert host.render(node, WHOLE, Image(host, photo())) == FAILED
     assert len(node.messages) == 1 and "no such space" in node.messages[0] and "\n" not in node.messages[0]
+
+
+def test_the_config_is_the_one_of_the_host(host: Host):
+    node = with_source(host, "Flatten", photo())
+    node.properties.put("OfxImageEffectPropOCIOConfig", "/nowhere/config.ocio")
+    try:
+        assert host.render(node, WHOLE, Image(host, photo())) == FAILED
+        assert len(node.messages) == 1 and "/nowhere/config.ocio" in node.messages[0]
+    finally:  # each config has a process
+        connect(ResidentSettings.of(Session(device_name=None, colorconfig="/nowhere/config.ocio"))).end()
 
 
 def test_the_line_and_the_verdict_are_told(host: Host):
