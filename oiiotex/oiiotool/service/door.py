@@ -2,8 +2,8 @@
 """`python -m oiiotex.oiiotool.service.door`: starts the resident process for programs that are not written in Python.
 
 Its argument is JSON: {"name": "wall.oiiotex?seed=7"}, or {"texture": TEXT} for a texture that was opened before, or
-{"device": NAME} or {"device": null} for the process without a texture. When the process listens, it prints
-{"socket": PATH, "texture": TEXT}; on failure, {"error": TEXT, "facts": FIELDS}.
+{"device": NAME} or {"device": null} for the process without a texture, whose color config "colorconfig" can name. When
+the process listens, it prints {"socket": PATH, "texture": TEXT}; on failure, {"error": TEXT, "facts": FIELDS}.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def answer(word: str) -> dict[str, Any]:
     try:
         asked = json.loads(word)
         if "device" in asked:
-            settings = ResidentSettings.of(Session(device_name=asked["device"]))
+            settings = ResidentSettings.of(Session(device_name=asked["device"], colorconfig=asked.get("colorconfig")))
             connect(settings).close()
             return {"socket": str(settings.socket())}
         file = TextureFile.of_text(asked["texture"]) if "texture" in asked else read_texture_file(asked["name"])

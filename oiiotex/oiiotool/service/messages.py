@@ -37,6 +37,23 @@ class LinkError(Error):
     """The other side has ended, or uses another protocol version."""
 
 
+class Memory:
+    """An array in sealed memory that can be sent several times.
+
+    Parameters
+    ----------
+    array : np.ndarray
+    """
+
+    def __init__(self, array: np.ndarray):
+        self.dtype, self.shape, self.nbytes = array.dtype, array.shape, array.nbytes
+        self.descriptor = _shared(array)
+
+    def __del__(self) -> None:
+        if "descriptor" in vars(self):  # otherwise there was no memory for it
+            os.close(self.descriptor)
+
+
 class Link:
     """One end of a connection. Any thread can send; one thread receives."""
 
@@ -45,27 +62,24 @@ class Link:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _PATIENCE)
         self._sending = threading.Lock()
 
-    def send(self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> None:
+    def send(self, facts: dict[str, Any], arrays: Sequence[np.ndarray | Memory] = ()) -> None:
         """Send a message."""
         layout = [{"type": array.dtype.str, "shape": list(array.shape)} for array in arrays]
         text = json.dumps(facts | {"arrays": layout}).encode()
         if len(text) > _MOST_TEXT or len(arrays) > _MOST_ARRAYS:
             raise ImageError("message too large for the resident process")
-        memories: list[int] = []
+        memories: list[Memory] = []  # freed after they are sent
         try:
             for array in arrays:
-                memories.append(_shared(array))
+                memories.append(array if isinstance(array, Memory) else Memory(array))
             with self._sending:
                 header = _HEADER.pack(_MAGIC, len(text))
-                if socket.send_fds(self._socket, [header], memories) != len(header):
+                if socket.send_fds(self._socket, [header], [m.descriptor for m in memories]) != len(header):
                     raise LinkError("the connection to the resident process is broken")
                 self._socket.sendall(text)
         except OSError as error:
             self.hang_up()  # part of a message may have been sent
             raise LinkError(f"the resident process has ended: {error.strerror}") from error
-        finally:
-            for memory in memories:
-                os.close(memory)
 
     def receive(self) -> tuple[dict[str, Any], list[np.ndarray]]:
         """Wait for a message: its facts and its read-only arrays."""

@@ -25,9 +25,11 @@ from ...engine.errors import Error
 from ...engine.io.atomic import discard_all
 from ...engine.machine import usable_threads
 from ...engine.session import Session
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..cli.running.stopping import watch_signals
+from .frames import HostFrames, frame, planned_places
 from .jobs import DeviceJob, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
@@ -36,7 +38,7 @@ from .work import Bench
 
 MOST_JOBS = 256  # waiting or running, per client
 MOST_CLIENTS = 128  # each has a thread, and a message of up to 16 MB
-MEMORY_SHARE = 4  # 1 / share of the memory budget that caches analysis results of photos and planes
+MEMORY_SHARE = 4  # 1 / share of the memory budget that caches analysis results, and again that caches frames of hosts
 _CREDENTIALS = struct.Struct("3i")
 
 log = logging.getLogger("oiiotex")
@@ -49,7 +51,7 @@ class Resident:
         self._settings = settings
         self._session = Session.of(Resources(settings), Progress())
         self._session.resources.memory = settings.budget // MEMORY_SHARE
-        self.jobs = Jobs()
+        self.jobs, self.frames = Jobs(), HostFrames(settings.budget // MEMORY_SHARE)
         self._clients: set[_Connection] = set()
         self._busy = time.monotonic()
         self._end = False
@@ -96,6 +98,15 @@ class Resident:
             client = _Connection(self, connection, Bench(self._session))
             self._clients.add(client)
             threading.Thread(target=client.serve, name="oiiotex-client", daemon=True).start()
+
+    @property
+    def facts_of_ops(self) -> Facts:
+        """What plans of ops may know."""
+        return self._session.resources
+
+    def frame(self, job: DeviceJob, asked: dict[str, Any], arrays: list[Any] | tuple[()]) -> Any:
+        """A frame of a host, which is also kept."""
+        return self.frames.put(asked["key"], frame(job, asked, arrays, self._session))
 
     def leave(self, client: _Connection) -> None:
         """Remove a client."""
@@ -148,6 +159,16 @@ class _Connection:
         do = asked["do"]
         if do in ("make", "read", "texture", "tile"):
             self._begin(number, asked)
+        elif do == "frame":
+            kept = self._resident.frames.get(asked["key"])  # answered here: it need not wait for a running job
+            if kept is not None:
+                self._answer(number, "done", *kept)
+            elif "op" in asked:
+                self._begin(number, asked, arrays)
+            else:
+                self._answer(number, "done", {"missing": True})
+        elif do == "plan":
+            self._answer(number, "done", planned_places(asked, self._resident.facts_of_ops))
         elif do == "put":
             self._answer(number, "done", {"number": self._bench.keep(image_of(asked["image"], arrays))})
         elif do == "drop":
@@ -166,7 +187,7 @@ class _Connection:
         else:
             raise ValueError(f"unknown request '{do}'")
 
-    def _begin(self, number: int, asked: dict[str, Any]) -> None:
+    def _begin(self, number: int, asked: dict[str, Any], arrays: list[Any] | tuple[()] = ()) -> None:
         if len(self._jobs) >= MOST_JOBS:
             raise Error(f"too many jobs of one client: expected at most {MOST_JOBS}; wait until some have finished")
 
@@ -176,6 +197,8 @@ class _Connection:
         def work(job: DeviceJob) -> Any:
             if asked["do"] == "make":
                 return self._bench.make(job, asked, look if asked.get("look") else None)
+            if asked["do"] == "frame":
+                return self._resident.frame(job, asked, arrays)
             return {"read": self._bench.read, "texture": self._bench.texture, "tile": self._bench.tile}[asked["do"]](
                 job, asked
             )

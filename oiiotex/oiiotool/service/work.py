@@ -65,7 +65,9 @@ class Bench:
         looks = look is not None or only_look
         progress = Progress(job.advance, looked if looks else None, said.append, bool(asked.get("measure")))
         session = self._session.telling(progress)
-        op = self._bound(asked)
+        given = [self.image(number) for number in asked.get("images", ())]
+        optional = {key: self._optional(what, given) for key, what in asked.get("optional", {}).items()}
+        op = bound(asked, given, optional)
         try:
             results = session.resources.on_a_device(lambda: run(op, session))
         except Interrupted:
@@ -99,30 +101,6 @@ class Bench:
 
         return {}, [session.resources.on_a_device(made)]
 
-    def _bound(self, asked: dict[str, Any]) -> Op:
-        op, words = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}
-        name = op.name
-        values = {p.attribute: p.parse(words.pop(p.name)) for p in op.arguments() if p.name in words}
-        values |= parse_modifiers(op, words)
-        given = [self.image(number) for number in asked.get("images", ())]
-        declared, further = op.taken(values), op.further_images()
-        bound: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
-        if len(declared) == 1 and declared[0].many:
-            bound[declared[0].attribute] = tuple(given)
-        else:
-            count = 1 + op.further_count(values)
-            if len(given) != len(declared) + count - 1:
-                raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
-            if further is not None:
-                bound[further.attribute] = tuple(given[1:count])
-            bound |= {i.attribute: image for i, image in zip(declared, (*given[:1], *given[count:]), strict=True)}
-        slots = {i.name: i for i in op.optional_images()}
-        for key, what in asked.get("optional", {}).items():
-            if key not in slots:
-                raise ParameterError(f"{name}: unknown image parameter '{key}'{nearest(key, slots)}")
-            bound[slots[key].attribute] = self._optional(what, given)
-        return op(**bound | values)
-
     def _optional(self, what: int | str, given: list[Image]) -> Image:
         if isinstance(what, int):
             return self.image(what)
@@ -130,6 +108,31 @@ class Bench:
         if part is None:
             raise ParameterError(f"the image has no part '{what}'")
         return Image((part,), what)
+
+
+def bound(asked: dict[str, Any], given: list[Image], optional: dict[str, Image]) -> Op:
+    """The op of a request with its values, which are text, its required images, and its optional ones by modifier."""
+    op, words = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}
+    name = op.name
+    values = {p.attribute: p.parse(words.pop(p.name)) for p in op.arguments() if p.name in words}
+    values |= parse_modifiers(op, words)
+    declared, further = op.taken(values), op.further_images()
+    images: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
+    if len(declared) == 1 and declared[0].many:
+        images[declared[0].attribute] = tuple(given)
+    else:
+        count = 1 + op.further_count(values)
+        if len(given) != len(declared) + count - 1:
+            raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
+        if further is not None:
+            images[further.attribute] = tuple(given[1:count])
+        images |= {i.attribute: image for i, image in zip(declared, (*given[:1], *given[count:]), strict=True)}
+    slots = {i.name: i for i in op.optional_images()}
+    for key, image in optional.items():
+        if key not in slots:
+            raise ParameterError(f"{name}: unknown image parameter '{key}'{nearest(key, slots)}")
+        images[slots[key].attribute] = image
+    return op(**images | values)
 
 
 def op_named(name: str) -> type[Op]:

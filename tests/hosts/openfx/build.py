@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bundle, built once for all tests of a run."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[3] / "hosts" / "openfx"
+
+
+def without_compiler() -> str:
+    """What is missing to build it, in words; empty if nothing is."""
+    for program in ("cmake", "c++"):
+        if shutil.which(program) is None:
+            return f"no {program}: apt install cmake g++ nlohmann-json3-dev"
+    line = ["c++", "-E", "-x", "c++", "-include", "nlohmann/json.hpp", "-"]
+    if subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True).returncode:
+        return "no header nlohmann/json.hpp: apt install nlohmann-json3-dev"
+    return "" if sys.platform == "linux" else "the plugin is for Linux"
+
+
+def built(folder: Path, sanitize: str = "") -> Path:
+    """The plugin's file in `folder`, which several processes may build at once; skips if there is no compiler."""
+    missing = without_compiler()
+    if missing:
+        pytest.skip(f"THE OPENFX PLUGIN IS NOT BUILT: {missing}")
+    folder.mkdir(exist_ok=True)
+    with open(folder / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "made").exists():
+            settings = {"OIIOTEX_PYTHON": sys.executable, "OIIOTEX_SANITIZE": sanitize, "CMAKE_INSTALL_PREFIX": folder}
+            words = [f"-D{key}={value}" for key, value in settings.items()]
+            lines = (["-S", SOURCE, "-B", folder / "work", *words], ["--build", folder / "work"])
+            said = ""
+            for line in (*lines, ["--install", folder / "work"]):
+                done = subprocess.run(["cmake", *map(str, line)], capture_output=True, text=True)
+                said += done.stdout + done.stderr
+                assert done.returncode == 0, said
+            assert "warning" not in said, said
+            (folder / "made").touch()
+    return folder / "lib/OFX/Plugins/oiiotex.ofx.bundle/Contents/Linux-x86-64/oiiotex.ofx"
+
+
+def shared(tmp_path_factory: pytest.TempPathFactory, name: str) -> Path:
+    """A folder for all processes of a test run."""
+    base = tmp_path_factory.getbasetemp()
+    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
