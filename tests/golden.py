@@ -121,7 +121,7 @@ CASES = {
     ),
     "estimateroughness_alpha_hole": Case(_with_hole, ("--texestimateroughness:sigma=6",)),
     "checkmaterial_bricks": Case(
-        lambda: pictures.stained(pictures.bricks(48, 64, 1)), ("--texcheckmaterial:failon=none",)
+        lambda: pictures.stained(pictures.bricks(48, 64, 1)), ("--texcheckmaterial:fail=none",)
     ),
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(

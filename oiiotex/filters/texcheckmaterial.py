@@ -22,6 +22,7 @@ from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of
 from ..synthesis.quality.limit import Limit
 
 SCHEMA = "oiiotex.materialcheck/1"
+_LEVELS = {"errors": "error", "warnings": "warning"}  # of findings, by the name of their number
 
 
 def _lines(report: dict[str, Any]) -> Iterator[str]:
@@ -58,8 +59,8 @@ class CheckMaterial(ScanThenMap):
     show where a tile repeats. Maps that do not lie on the first one.
 
     The maps may come from any program: no photo is needed. Each finding is printed as a line; facts= writes them to a
-    file with all measures. Errors render incorrectly, warnings possibly. The run always completes; with failon=errors
-    its exit code is 3 if there is an error.
+    file with all measures. Errors render incorrectly, warnings possibly. The run always completes; its exit code is 3
+    if there is an error (see fail).
     """
 
     example: ClassVar[str] = """\
@@ -72,7 +73,7 @@ class CheckMaterial(ScanThenMap):
         Output("map", Kind.PIXELS, "Maps, unchanged."),
         Output(
             "facts", Kind.TABLE, "Findings, and measures of each map.",
-            asked_by="facts", judged_by="failon", lines=_lines,
+            asked_by="facts", judged_by="fail", lines=_lines,
         ),
     )  # fmt: skip
 
@@ -82,13 +83,10 @@ class CheckMaterial(ScanThenMap):
     normals: str = param(
         "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
     )
-    failon: str = param(
-        "errors", choices=("errors", "warnings", "none"),
-        help="Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.",
-    )  # fmt: skip
-    fail: Words | None = param(
-        None, example="seam>1.3,salient>8", advanced=True,
-        help="Conditions on measures of any map that also count as failure, such as seam>1.3.",
+    fail: Words = param(
+        Words(("errors>0",)), example="errors>0,warnings>0,seam>1.3",
+        help="Conditions that count as failure, on the number of errors or warnings and on measures of any map, such"
+        " as seam>1.3. If one is true, the exit code is 3. none: it is 0.",
     )  # fmt: skip
     tiled: str | None = TILED
     facts: Path | None = param(None, example="report.json", help="File for findings and measures.")
@@ -100,7 +98,7 @@ class CheckMaterial(ScanThenMap):
     def plan(self, facts: Facts) -> Plan:
         """The maps."""
         images = (self.source, *self.maps)
-        kinds, limits = kinds_of(self.kinds, len(images), data=False), tuple(map(_limit, self.fail or ()))
+        kinds, limits = kinds_of(self.kinds, len(images), data=False), _limits(self.fail)
         maps = [one.first.respecced(_without_hash) for one in images]
         if self.tiled is not None:
             maps = [retiled(one, self.tiled) for one in maps]
@@ -126,26 +124,29 @@ class CheckMaterial(ScanThenMap):
             session.resources,
         )  # fmt: skip
         found = document(maps, findings)
-        failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.failon]
-        failed = [f"{one['map']}: {one['text']}" for one in found["findings"] if one["level"] in failing]
-        failed += [text for limit in limits for text in _beyond(limit, maps)]
+        failed = [text for limit in limits for text in _beyond(limit, found)]
         return {"schema": SCHEMA, "version": __version__, **found, "passed": not failed, "failed": failed}
 
 
-def _limit(text: str) -> Limit:
-    """A condition on a measure of a finished map."""
+def _limits(conditions: Words) -> tuple[Limit, ...]:
+    """Conditions on numbers of findings and on measures of a finished map."""
     from ..surfaces.capture.tile_checks import MEASURES
 
-    limit = Limit.read(text, "fail")
-    if limit.measure not in MEASURES:
-        problem, expected = f"unknown measure '{limit.measure}'{nearest(limit.measure, MEASURES)}", ", ".join(MEASURES)
-        raise ParameterError(problem, parameter="fail", value=text, expected=f"one of {expected}")
-    return limit
+    limits = tuple(Limit.read(text, "fail") for text in conditions if text != "none")
+    names = (*_LEVELS, *MEASURES)
+    for measure in (limit.measure for limit in limits if limit.measure not in names):
+        problem = f"unknown measure '{measure}'{nearest(measure, names)}"
+        raise ParameterError(problem, parameter="fail", value=measure, expected=f"one of {', '.join(names)}")
+    return limits
 
 
-def _beyond(limit: Limit, maps: list[dict[str, Any]]) -> Iterator[str]:
-    """The maps beyond a limit, as text; it is one to measure nothing."""
-    values = {one["name"]: one["measures"][limit.measure] for one in maps if limit.measure in one["measures"]}
+def _beyond(limit: Limit, found: dict[str, Any]) -> Iterator[str]:
+    """The findings and maps beyond a limit, as text; it is one to measure nothing."""
+    if limit.measure in _LEVELS:
+        texts = [f"{one['map']}: {one['text']}" for one in found["findings"] if one["level"] == _LEVELS[limit.measure]]
+        yield from texts if limit.passed_by(len(texts)) else ()
+        return
+    values = {one["name"]: one["measures"][limit.measure] for one in found["maps"] if limit.measure in one["measures"]}
     for name, value in values.items():
         if limit.passed_by(value):
             yield f"{name}: {limit.measure} is {value:.4g}: fail={limit}"

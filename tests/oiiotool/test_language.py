@@ -263,7 +263,7 @@ def test_an_unknown_word_names_the_nearest(word, hint):
         ("hdr", ["docs/how-to/color-spaces.md", ":hdr"]),
         ("aces", ["docs/how-to/color-spaces.md"]),
         ("slurm", ["docs/how-to/farm.md"]),
-        ("exit", ["docs/how-to/quality-gates.md", "--texcheckmaterial:failon"]),
+        ("exit", ["docs/how-to/quality-gates.md", "--texcheckmaterial:fail"]),
         ("batch", ["docs/how-to/a-folder.md"]),
         ("memory", ["docs/how-to/large-images.md", "--cache"]),
         ("sigma", [":sigma", "--texsigmas"]),

@@ -203,4 +203,4 @@ def test_python_has_the_maps_and_an_error_that_holds_them():
     with pytest.raises(errors.QualityError, match="from 2 to 2") as caught:
         filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS)
     assert len(caught.value.result) == 4
-    assert len(filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS, failon="none")) == 4
+    assert len(filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS, fail=["none"])) == 4
