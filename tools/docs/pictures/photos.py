@@ -51,7 +51,7 @@ def dahlia() -> None:
     )
     photo.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
     petals = oiio.ImageBufAlgo.cut(photo, oiio.ROI(235, 365, 150, 280))
-    tile = filters.stationarize(petals, size=(256, 256), seed=7)
+    tile = filters.stationarize(petals, size=(512, 512), preset="even", seed=7)
     opaque = oiio.ImageBufAlgo.channels(tile, (0, 1, 2, 1.0), ("R", "G", "B", "A"))
     shown = filters.preview(opaque, panels=["plane", "sphere"], panel=320).get_pixels(oiio.UINT8)
     flower = oiio.ImageBufAlgo.cut(photo, oiio.ROI(130, 450, 60, 380))
