@@ -67,7 +67,7 @@ static inline uint in_courses(uint texel, long px, long py, __constant uint *pha
   int off = (int)(rows[phases[1] + (uint)(phases[0] ? y : x)] - rows[phases[2] + (uint)at]);
   x -= (int)(((long)off * steps[0] + (1l << 39)) >> 40);
   y -= (int)(((long)off * steps[1] + (1l << 39)) >> 40);
-  return texel_at(TEXEL_LEVEL(texel, side), clamp(y, 0, last), clamp(x, 0, last), side);
+  return texel_at(TEXEL_LEVEL(texel, side), min(max(y, 0), last), min(max(x, 0), last), side);
 }
 
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its

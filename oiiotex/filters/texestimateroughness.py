@@ -79,13 +79,13 @@ class EstimateRoughness(ScanThenMap):
         sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
         tiling = self.tiled or tiling_of(part.spec)
         detail = fine_detail(part, lens, tiling)
-        skewed = skewness(detail)
-        if skewed < _LEAST_SKEWNESS:
-            self.warn(_NO_HIGHLIGHTS, skewed)
         fine = Image((without_sign(detail),), self.source.source)
         plain = Lens(fine.source, channels_of(fine.first.spec))
         wraps = "y" in tiling, "x" in tiling
         drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, wraps, robust=False)
+        skewed = skewness(detail)
+        if skewed < _LEAST_SKEWNESS:
+            self.warn(_NO_HIGHLIGHTS, skewed)
         spec = tiled_spec(measure_spec(part.spec), tiling)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.spread)

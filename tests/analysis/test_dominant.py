@@ -109,7 +109,7 @@ def test_the_chart_of_what_has_no_curve(tmp_path):
 def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):
     """The issue's command: the photo and its mask in one image, straight into the synthesis."""
     save(composite(3)[1], tmp_path / "wall.png")
-    chain = ("--texdominant:photo=1", "--texquilt:mask=dominant:size=160x120:patch=16:st=1")
+    chain = ("--texdominant:photo=1", "--texquilt:mask=dominant:flattening=0:size=160x120:patch=16:st=1")
     done = oiiotex("wall.png", "-d", "float", chain[0], "-o", "parts.exr", chain[1], "-o", "clean.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     mask, clean, st = load(tmp_path / "parts.exr", 1), load(tmp_path / "clean.exr", 0), load(tmp_path / "clean.exr", 1)

@@ -237,7 +237,7 @@ def test_v_prints_the_measures_of_every_tile(caplog, measure, unit):
     with caplog.at_level(logging.INFO, "oiiotex"):
         filters.stationarize(photo, iterations=4, measure=measure, session=Session(measure=True))
         filters.patchmatch(photo, iterations=4, session=Session(measure=True))
-    lines = [r.getMessage() for r in caplog.records]
+    lines = [r.getMessage() for r in caplog.records if r.levelno == logging.INFO]  # warnings repeat measures
     assert any(
         line.startswith("--texstationarize: stationarity cost") and f"{unit}(MJH17 eq. 1)" in line for line in lines
     )

@@ -64,7 +64,8 @@ class Reads:
         )
         photo = Image((self.part("photo", side, 3, oiio.FLOAT, "srgb_rec709_scene"),), "photo")
         coordinates = Image((self.part("st", side, 2, oiio.FLOAT, "data"),), "st")
-        images = [label if is_view(op) else photo, coordinates if op.name == "warp" else label]
+        second = {"warp": coordinates, "project": photo}.get(op.name, label)
+        images = [label if is_view(op) else photo, second]
         given = {slot.name: (image,) if slot.many else image for slot, image in zip(op.images(), images, strict=False)}
         values = settings(op, **more)
         return op(**given, **values | ({"labels": label} if "labels" in values else {}))

@@ -38,6 +38,7 @@ WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", 
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",
+    "--no-index", "--find-links",
     "--array", "--parsable", "--dependency", "--wrap", "--headers", "--into", "--library", "--work",
 }  # fmt: skip
 OURS = {

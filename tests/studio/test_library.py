@@ -15,8 +15,7 @@ import zipfile
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from oiiotex_studio.library import asset as making
-from oiiotex_studio.library import digests, ingest, runs
+from oiiotex_studio.library import digests, ingest, runs, steps
 from oiiotex_studio.library.asset import read_sidecar
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.commands import run
@@ -182,8 +181,8 @@ def test_a_second_run_makes_only_what_has_changed(photos, tmp_path, here, monkey
     with Catalog(library) as catalog:
         assert len(orphans(catalog)) == 1
     lines = []
-    work = making.work
-    monkeypatch.setattr(making, "work", lambda job: (lines.append(job), work(job))[1])
+    work = steps.work
+    monkeypatch.setattr(steps, "work", lambda job, watch: (lines.append(job), work(job, watch))[1])
     tally, _ = brought_in(photos, library, recipe(LINE + "[judge]\nlimits = ['normal_length>0.5']\n"))
     assert (tally.made, lines) == (2, [])  # judged anew, by the same pixels
     with Catalog(library) as catalog:
@@ -393,4 +392,4 @@ def test_check_finds_every_kind_of_damage(photos, tmp_path, here, capsys):
     assert run(["check", str(library)]) == 1
     text = capsys.readouterr().out
     assert "color.tx has changed since it was written" in text and "roughness.tx is missing" in text
-    assert "wall.mtlx" in text and text.splitlines()[-1].startswith("2 assets, 3 errors")
+    assert "wall.mtlx" in text and text.splitlines()[-1].startswith("2 assets, 4 errors")

@@ -306,6 +306,7 @@ PACE = """async (parts) => {
 
 
 def test_progress_says_what_is_made_and_for_how_long_and_survives_a_reload(page):
+    finished(page, **USUAL)
     even = page.evaluate(PACE, [n / 20 for n in range(1, 21)])
     assert even[1] == "Work: 5 %" and even[20] == "" and even[10] == "Work: 50 %, 10 s left"
     slower = page.evaluate(PACE, [0.1, 0.2, 0.3, *(0.3 + 0.05 * n for n in range(1, 15))])

@@ -32,8 +32,8 @@ def test_the_first_good_try_is_taken_else_the_best():
         made.clear()
         return [(f"n={value}", lambda value=value: made.append(value) or value) for value in values]
 
-    assert best_tried("--x", tries(0.09, 0.03, 0.01), judged).spelled == "n=0.03"
-    assert made == [0.09, 0.03]
+    assert best_tried("--x", tries(0.09, 0.012, 0.01), judged).spelled == "n=0.012"
+    assert made == [0.09, 0.012]
     assert best_tried("--x", tries(0.09, 0.05, 0.07), judged).made == 0.05
     assert best_tried("--x", tries(0.09, 0.01), lambda _: None).made == 0.09  # too small to be judged
     assert made == [0.09]

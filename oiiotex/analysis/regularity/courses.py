@@ -21,11 +21,8 @@ from .lattice import HighPass, high_pass_of
 from .offset_prices import BITS, MOST, STRENGTH, Prices
 
 LEAST = 4  # minimum number of joints in a photo
-ALIKE, PER_RATIO = (
-    0.6,
-    0.055,
-)  # minimum correlation of the profiles of both halves: for the ratio of two courses, above 0
-UNEVEN = 5.0  # maximum ratio of two courses: beyond it, joints are single ledges
+ALIKE = 0.835  # minimum correlation of the profiles of both halves; photos without straight lines reach .82
+UNEVEN = 4.0  # maximum ratio of two courses: beyond it, joints are single ledges
 THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
 STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
 NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
@@ -119,12 +116,8 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
 
 
 def _are_courses(likeness: float, joints: np.ndarray) -> bool:
-    """Even courses (boards, cobbles) may be less alike in both halves than uneven ones, which also occur by chance."""
-    if len(joints) < LEAST:
-        return False
     heights = np.diff(joints)
-    ratio = float(heights.max() / heights.min())
-    return ratio <= UNEVEN and likeness >= ALIKE + PER_RATIO * ratio
+    return len(joints) >= LEAST and likeness >= ALIKE and bool(heights.max() <= UNEVEN * heights.min())
 
 
 def _profile(light: np.ndarray, usable: np.ndarray) -> np.ndarray:

@@ -18,8 +18,9 @@ REPORT_MEASURES = {
     "step": "Difference of local levels across a fill's border, relative to a line around it. 1 is invisible.",
     "sharp": "Sharpness of a fill, mean |L - blurred L|, relative to its surroundings.",
     "fidelity": "The judge's value, 0 to 1, of the worst of the parts below. Good from 0.8, unusable below 0.67.",
-    "broken": "Variance of patches that no place of the photo explains, where cuts are seen. Good up to 0.04.",
-    "waves": "Standard deviation in Lab of waves with up to 3 periods per side of the tile. Good up to 3.6.",
+    "broken": "Variance of patches that no place of the photo explains, where cuts are seen: edges count more than"
+    " objects. Good up to 0.015.",
+    "waves": "Standard deviation in Lab of waves with up to 3 periods per side of the tile. Good up to 3.5.",
     "salient": "Distance of the most salient area from the typical color, in typical deviations. Good up to 6.3.",
     "missing": "Fraction of the original photo's colors that is missing. Good up to 0.135.",
     "lines": "Fraction of the photo's long lines and lattices that is kept. 1 if it has none.",
