@@ -163,13 +163,8 @@ def test_quilts_of_photos_in_files_are_the_same(monkeypatch, op: type[Quilted]):
         monkeypatch.setattr(Quilted, "holds", lambda *_, held=held: held)
         if not held:
             monkeypatch.setattr(photo_in_tiles, "_PHOTO_BYTES", 1 << 30)
-        use = op(
-            exemplar=given,
-            st=True,
-            labelmaps=True,
-            patch=16,
-            **more if op is Paint else {"size": Size(120, 90), "flattening": 0.0},
-        )
+        own = more if op is Paint else {"size": Size(120, 90), "flattening": 0.0}
+        use = op(exemplar=given, st=True, labelmaps=True, patch=16, **own)
         made.append([part.pixels() for part in run(use, Session())[0].image.parts])
     assert len(made[0]) == 4
     for one, other in zip(*made, strict=True):
