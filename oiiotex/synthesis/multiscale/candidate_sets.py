@@ -12,6 +12,8 @@ turns off the last two.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -31,6 +33,7 @@ DISC = 0.06  # minimum distance of two candidates in exemplar sides (not given i
 _BITS = 12  # fractional bits of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
+_BAND = 1 << 14  # texels of a level that are projected at once
 _SAMPLES = 2000  # neighborhoods of a level from which the basis is computed
 _VERSION = "oiiotex candidates 4"  # increment if the same stacks lead to another analysis
 
@@ -67,13 +70,19 @@ class Analysis:
     variance: float = 0.0  # share of the neighborhoods' variance that the basis explains
 
 
-def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
-    """The 5 x 5 neighborhoods of a plane's texels: (side^2, 75) float64, in the order rows, columns, channels."""
+def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool, lines: slice = slice(None)) -> np.ndarray:
+    """The 5 x 5 neighborhoods of the texels of some lines of a plane: (texels, 75) float64.
+
+    75 values are in the order rows, columns, channels.
+    """
     side = len(plane)
     at = _places_around(side, spacing, periodic)
-    padded = plane[at][:, at, :3].astype(np.float64)
+    first, last, _ = lines.indices(side)
+    padded = plane[at[first : last + 4 * spacing]][:, at, :3].astype(np.float64)
     steps = [n * spacing for n in range(5)]
-    return np.concatenate([padded[y : y + side, x : x + side] for y in steps for x in steps], -1).reshape(-1, 75)
+    return np.concatenate([padded[y : y + last - first, x : x + side] for y in steps for x in steps], -1).reshape(
+        -1, 75
+    )
 
 
 def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
@@ -163,11 +172,13 @@ def _analyzed(
         shapes = np.empty_like(projections)
     means = np.empty((count, side * side, 3))
     for number, plane in enumerate(stacks.planes):
-        around = neighborhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
-        projections[number] = project(around, basis)
-        means[number] = around.reshape(-1, 25, 3).mean(1)
-        if shapes is not projections:
-            shapes[number] = project(around - np.tile(np.rint(means[number]), 25), basis)
+        for texels in _in_bands(side * side):
+            lines = slice(texels.start // side, texels.stop // side)
+            around = neighborhoods(plane, stacks.levels.spacing(number), stacks.periodic[number], lines)
+            projections[number, texels] = project(around, basis)
+            means[number, texels] = around.reshape(-1, 25, 3).mean(1)
+            if shapes is not projections:
+                shapes[number, texels] = project(around - np.tile(np.rint(means[number, texels]), 25), basis)
         step(number + 1)
     links = _searched(device, stacks, projections, shapes, budget, step)
     of = np.array([exemplar for exemplar, _ in stacks.levels.stacks])
@@ -185,16 +196,22 @@ def _transfers(
     records = np.empty((count, texels, 2, DIMS), np.int16)
     whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of a uniform color
     flat, flat_means = projections.reshape(-1, DIMS), means.reshape(-1, 3)
-    for number in range(count):
-        chosen = links[number].astype(np.int64)
+    for number, band in itertools.product(range(count), _in_bands(texels)):
+        chosen = links[number, band].astype(np.int64)
         if correct:
             # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighborhoods' means
-            away = np.rint(means[number][:, None] - flat_means[chosen]).astype(np.int64)
+            away = np.rint(means[number, band][:, None] - flat_means[chosen]).astype(np.int64)
             away[alike[number][chosen // texels]] = 0  # an exemplar agrees with itself (section 5)
-            offsets[number, ..., :3] = away
-        shift = _scaled(offsets[number, ..., :3].astype(np.float64) @ whole).astype(np.int32)
-        records[number] = np.clip(flat[chosen] + shift, -MOST_PROJECTED, MOST_PROJECTED)
+            offsets[number, band, :, :3] = away
+        shift = _scaled(offsets[number, band, :, :3].astype(np.float64) @ whole).astype(np.int32)
+        records[number, band] = np.clip(flat[chosen] + shift, -MOST_PROJECTED, MOST_PROJECTED)
     return offsets, records
+
+
+def _in_bands(texels: int) -> list[slice]:
+    """A level's texels in bands of whole lines, so that their 75 values take little memory. Sides are powers of two."""
+    band = min(max(_BAND, math.isqrt(texels)), texels)
+    return [slice(first, first + band) for first in range(0, texels, band)]
 
 
 # --- the search ---
