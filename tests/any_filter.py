@@ -9,7 +9,7 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine.core.op import Kind, Op, Space
-from oiiotex.engine.core.parameters import Numbers, Size
+from oiiotex.engine.core.parameters import Numbers, Size, Words
 from oiiotex.engine.session import Session
 from tests import pictures
 
@@ -24,7 +24,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"count": 3} if op.name == "sigmas" else {"op": "quilt", "count": 2} if op.name == "sheet" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"panel": 32} if op.name == "palette" else {}
-    found |= {"fail": ["none"]} if op.name == "checkmaterial" else {}
+    found |= {"fail": Words(("none",))} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}

@@ -353,7 +353,7 @@ def multiscale(far: Far) -> None:
     parent[py, px], parent_r[py - 1 : py + 2, px - 1 : px + 2] = 5, 16
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
-    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32)  # no lattice to keep in step with
+    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32)  # nothing to keep in step with
     run(
         "upsample",
         (X, Y),
