@@ -143,7 +143,7 @@ def test_only_the_render_window_is_written(host: Host):
 
 def test_any_window_of_the_unbounded_plane(host: Host):
     pixels = photo(64, 64)
-    node = with_source(host, "Synthesize", pixels, "Generator", exemplarside=2, seed=5, origin=(1000, -300))
+    node = with_source(host, "Synthesize", pixels, "Generator", exemplarside=3, seed=5, origin=(1000, -300))
     assert region(node) == (0, 0, 1920, 1080)
     values = {"exemplarside": 64, "seed": 5}
     for left, bottom, right, top in ((0, 0, 50, 40), (100, 1000, 164, 1030)):

@@ -52,7 +52,7 @@ let paces = []; // [time in ms, part done] of the work that is in progress
 /** The time left by the pace of the last half of the time, from a tenth of the work on, as text. */
 function timeLeft(part) {
   const now = performance.now();
-  if (part < paces.at(-1)?.[1]) paces = [];
+  if (!part || part < paces.at(-1)?.[1]) paces = []; // work begins
   if (part !== paces.at(-1)?.[1]) paces.push([now, part]);
   const since = Math.min(now - LEAST_PACE, (now + paces[0][0]) / 2);
   const [time, first] = paces.findLast(([at]) => at <= since) ?? paces[0];
