@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,7 +22,7 @@ from ..synthesis.exemplar.exemplar_op import LABEL, MASK, ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured
-from ..synthesis.quality.judged_tries import best_tried
+from ..synthesis.quality.judged_tries import Try, best_tried
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
@@ -108,7 +108,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
         else:
             own = self.seen(resources)[0]
             tries = self._tries(sewing, pixels, resources, progress)
-            best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own))
+            best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own), progress)
             say_fidelity(self.flag(), best.kept, best.spelled, warn=self.patch is None)
             made = best.made
         return quality.add_to_copies(sewn_whole(op, made, resources), copied=op.exemplar)
@@ -128,15 +128,14 @@ class Quilting(Reported, Quilted, Structured, Flattened):
 
     def _tries(
         self, sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress
-    ) -> Iterator[tuple[str, Callable[[], Quilt]]]:
+    ) -> Iterator[Try[Quilt]]:
         """Patches of the default side or the given one; if neither it nor labels are given, also twice as large."""
         first = sewing.quilt(pixels, resources, progress)
         side = first.grid.patch
-        yield f"patch={side}", lambda: first
+        yield Try(f"patch={side}", lambda _: first)
         if self.patch is None and self._is_alone and 2 * side <= min(MOST_PATCH, *pixels.values.shape[:2]):
             larger = replace(sewing, patch=2 * side)
-            progress.lengthen(1.0)
-            yield f"patch={2 * side}", lambda: larger.quilt(pixels, resources, progress)
+            yield Try(f"patch={2 * side}", lambda _: larger.quilt(pixels, resources, progress))
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:

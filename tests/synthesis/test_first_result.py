@@ -20,13 +20,12 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import WHOLE, Progress
-from oiiotex.engine.stats import Stats
-from oiiotex.synthesis.exemplar import first_result
-from oiiotex.synthesis.exemplar.first_result import Dismissed, Try, best_of, glance
+from oiiotex.synthesis.exemplar.first_result import fidelity_of, glance
 from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
-from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
+from oiiotex.synthesis.quality import judged_tries
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, JudgedPhoto, fidelity
+from oiiotex.synthesis.quality.judged_tries import Dismissed, Try, best_tried
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
@@ -216,7 +215,7 @@ def few_elements() -> oiio.ImageBuf:
 
 
 def test_what_misses_is_tried_again_and_said(caplog, tmp_path, monkeypatch):
-    monkeypatch.setattr(first_result, "GOOD", 1.0)
+    monkeypatch.setattr(judged_tries, "GOOD", 1.0)
     report = tmp_path / "r.json"
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(few_elements(), report=report)
@@ -248,15 +247,16 @@ def test_only_tiles_that_may_improve_the_worst_part_are_tried(spot, third):
     made: list[str] = []
 
     def one(name: str, improves: tuple[str, ...]) -> Try:
-        def make(_: float) -> tuple[Synthesis, Recipe]:
+        def make(_: float) -> SourceMap:
             made.append(name)
-            return Synthesis(IN_PLACE, IN_PLACE), RECIPE
+            return IN_PLACE
 
         return Try(name, make, improves=improves)
 
     names = ("evenest", "evener", "larger")
     tries = [one("first", ()), *(one(n, scale[2]) for n, scale in zip(names, (*EVENER, LARGER), strict=True))]
-    best = best_of("--texstationarize", tries, JudgedPhoto(repeating(spot)), Stats(), Progress())
+    photo = JudgedPhoto(repeating(spot))
+    best = best_tried("--x", tries, lambda tile: fidelity_of(photo, tile, RECIPE), Progress())
     assert made == ["first", "evenest", third] and best.spelled == "first"
 
 
@@ -292,7 +292,7 @@ def test_a_second_attempt_adds_to_the_work(monkeypatch):
     """The whole grows when the first result is not good, and progress never falls back."""
     told = []
     session = Session(progress=lambda done, total: told.append((done, total)))
-    monkeypatch.setattr(first_result, "GOOD", 2.0)  # which no result reaches
+    monkeypatch.setattr(judged_tries, "GOOD", 2.0)  # which no result reaches
     filters.stationarize(photo(), session=session, **QUICK)
     totals = [total for _, total in told]
     assert totals[0] == WHOLE and 1.8 * WHOLE < totals[-1] < 2.4 * WHOLE and told[-1][0] == totals[-1]

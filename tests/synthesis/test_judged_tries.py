@@ -12,13 +12,18 @@ from oiiotex import filters
 from oiiotex.analysis.dominant.diffusion import _core_above
 from oiiotex.analysis.regularity.courses import Courses, find_courses
 from oiiotex.engine.core.window import Domain
-from oiiotex.engine.errors import ImageError
+from oiiotex.engine.errors import ImageError, Interrupted
+from oiiotex.engine.session.progress import Progress
 from oiiotex.synthesis.quality.fidelity import Fidelity
-from oiiotex.synthesis.quality.judged_tries import best_tried
+from oiiotex.synthesis.quality.judged_tries import Try, best_tried
 from tests import pictures
 from tests.analysis.test_regularity import values_of
 from tests.any_filter import buffer, pixels
 from tests.masonry import ashlar
+
+
+def best_of(tries, measure):
+    return best_tried("--x", tries, measure, Progress())
 
 
 def judged(broken: float) -> Fidelity:
@@ -30,22 +35,31 @@ def test_the_first_good_try_is_taken_else_the_best():
 
     def tries(*values):
         made.clear()
-        return [(f"n={value}", lambda value=value: made.append(value) or value) for value in values]
+        return [Try(f"n={value}", lambda _, value=value: made.append(value) or value) for value in values]
 
-    assert best_tried("--x", tries(0.09, 0.012, 0.01), judged).spelled == "n=0.012"
+    assert best_of(tries(0.09, 0.012, 0.01), judged).spelled == "n=0.012"
     assert made == [0.09, 0.012]
-    assert best_tried("--x", tries(0.09, 0.05, 0.07), judged).made == 0.05
-    assert best_tried("--x", tries(0.09, 0.01), lambda _: None).made == 0.09  # too small to be judged
+    assert best_of(tries(0.09, 0.05, 0.07), judged).made == 0.05
+    assert best_of(tries(0.09, 0.01), lambda _: None).made == 0.09  # too small to be judged
     assert made == [0.09]
 
 
 def test_a_try_that_fails_is_left_out_unless_it_is_the_first():
-    def fails():
+    def fails(_):
         raise ImageError("no patch fits")
 
-    assert best_tried("--x", [("a", lambda: 0.09), ("b", fails)], judged).spelled == "a"
+    good, bad = Try("a", lambda _: 0.09), Try("b", fails)
+    assert best_of([good, bad], judged).spelled == "a"
     with pytest.raises(ImageError):
-        best_tried("--x", [("a", fails), ("b", lambda: 0.01)], judged)
+        best_of([bad, good], judged)
+
+
+def test_who_ends_the_run_gets_no_result_of_an_earlier_try():
+    def ended(_):
+        raise Interrupted("cancelled")
+
+    with pytest.raises(Interrupted):
+        best_of([Try("a", lambda _: 0.09), Try("b", ended)], judged)
 
 
 @pytest.mark.parametrize("op", [filters.quilt, filters.synth])

@@ -12,11 +12,11 @@ from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.demand import MadeRows
 from oiiotex.engine.core.source_map import SourceMap
-from oiiotex.synthesis.exemplar import first_result
 from oiiotex.synthesis.layout.kept_layout import kept_layout
 from oiiotex.synthesis.layout.periods import rise_of
 from oiiotex.synthesis.layout.seam import Joint, starts
 from oiiotex.synthesis.layout.strip import PhotoStrip
+from oiiotex.synthesis.quality import judged_tries
 from oiiotex.synthesis.quality.fidelity import Fidelity
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -170,7 +170,7 @@ def test_modifiers_without_a_meaning_are_refused(modifier):
 def test_the_default_tries_the_layout_and_says_how_to_request_it(caplog, monkeypatch):
     """What the default chooses, its line makes again."""
     photo = buffer(pictures.pebbles(96, 112, 3) ** 2.2, space="lin_rec709_scene")
-    monkeypatch.setattr(first_result, "GOOD", 2.0)  # which no result reaches
+    monkeypatch.setattr(judged_tries, "GOOD", 2.0)  # which no result reaches
     monkeypatch.setattr(Fidelity, "worst", "broken")
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(photo)

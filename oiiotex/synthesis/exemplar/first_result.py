@@ -5,28 +5,26 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeAlias
 
 from ...engine.color.config import as_float
 from ...engine.core.demand import MadeRows, resized
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from ...engine.errors import ImageError, present
-from ...engine.stats import Stats
 from ..patchmatch.constraints import coarse_mask
 from ..patchmatch.optimization import LevelLook, Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
-from ..quality.fidelity import FAIR, GOOD, Fidelity, JudgedPhoto
+from ..quality.fidelity import FAIR, Fidelity, JudgedPhoto
+from ..quality.judged_tries import Dismissed, Try
 from ..quality.seam_measures import seam_ratio
 
-if TYPE_CHECKING:
-    from ...engine.session.progress import Progress
-
 log = logging.getLogger("oiiotex")
+
+FirstTile: TypeAlias = "tuple[Synthesis, Recipe]"  # a tile, and the recipe of its size and scales
 
 TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
@@ -44,10 +42,6 @@ def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fideli
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
     return photo.fidelity(result, (recipe.wrap_y, recipe.wrap_x), source)
-
-
-class Dismissed(Exception):
-    """A tile is not finished, since what there is of it is worse than the best tile so far."""
 
 
 def dismiss_below(least: float, photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> None:
@@ -74,74 +68,16 @@ def glance(photo: JudgedPhoto, recipe: Recipe, least: float) -> LevelLook:
     return look
 
 
-@dataclass(frozen=True)
-class Try:
-    """One way to make the tile.
+def textured(one: Try[FirstTile]) -> Try[FirstTile]:
+    """The same try, dismissed if its tile loses the photo's texture."""
 
-    Attributes
-    ----------
-    spelled : str
-        The modifiers that request it.
-    make : callable
-        Makes the tile, and returns it with the recipe of its size and scales. It is called with the fidelity of the
-        best tile so far, and may raise `Dismissed`.
-    time : float
-        Its time, relative to that of the first try.
-    improves : collection of str
-        It is only tried if the worst part of the first tile's fidelity is one of these. Empty: any.
-    """
+    def make(least: float) -> FirstTile:
+        synthesis, recipe = one.make(least)
+        if synthesis.lost is not None and synthesis.lost.share > SLACK:
+            raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
+        return synthesis, recipe
 
-    spelled: str
-    make: Callable[[float], tuple[Synthesis, Recipe]]
-    time: float = 1.0
-    improves: Collection[str] = ()
-
-
-@dataclass(frozen=True)
-class JudgedTile:
-    """A tile, its recipe, the modifiers that request it, and its fidelity; None if it is too small to measure."""
-
-    synthesis: Synthesis
-    recipe: Recipe
-    spelled: str
-    kept: Fidelity | None
-
-
-def best_of(
-    flag: str, tries: Sequence[Try], photo: JudgedPhoto, stats: Stats, progress: Progress
-) -> JudgedTile:  # fmt: skip
-    """The first tile that is good; if none is, the one with the highest fidelity.
-
-    `progress` is that of the first.
-    """
-    best: JudgedTile | None = None
-    worst = ""
-    for number, one in enumerate(tries):
-        if one.improves and worst not in one.improves:
-            continue
-        if best is not None:
-            log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
-            progress.lengthen(one.time)
-        try:
-            synthesis, recipe = one.make(0.0 if best is None or best.kept is None else best.kept.value)
-        except (Dismissed, ImageError) as error:
-            if number == 0:
-                raise
-            progress.advance(1, 1)
-            log.info("%s: %s: %s", flag, one.spelled, error)
-            continue
-        if number > 0 and synthesis.lost is not None and synthesis.lost.share > SLACK:
-            log.info("%s: %s loses %.0f %% of the texture", flag, one.spelled, 100 * synthesis.lost.share)
-            continue
-        with stats.time("fidelity"):
-            kept = fidelity_of(photo, synthesis.source, recipe)
-        if best is None or best.kept is None or (kept is not None and kept.value > best.kept.value):
-            best = JudgedTile(synthesis, recipe, one.spelled, kept)
-        if number == 0 and kept is not None:
-            worst = kept.worst
-        if best.kept is None or best.kept.value >= GOOD:
-            break
-    return present(best)
+    return replace(one, make=make)
 
 
 def say_fidelity(flag: str, kept: Fidelity | None, spelled: str, warn: bool, advice: str = ONE_TILE) -> None:

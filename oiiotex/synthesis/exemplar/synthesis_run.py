@@ -29,7 +29,8 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
-from ..quality.fidelity import JudgedPhoto
+from ..quality.fidelity import Fidelity, JudgedPhoto
+from ..quality.judged_tries import Try, best_tried
 from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
@@ -38,13 +39,13 @@ from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
 from .first_result import (
     SET_OF_TILES,
-    Try,
-    best_of,
+    FirstTile,
     dismiss_below,
     fidelity_of,
     glance,
     hint_that_it_tiles,
     say_fidelity,
+    textured,
 )
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
@@ -253,9 +254,10 @@ class SynthesisRun:
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
         photo = self._judged_photo()
-        result = best_of(op.flag(), self._tries(photo), photo, resources.stats, self._progress)
+        result = best_tried(op.flag(), self._tries(photo), functools.partial(self._judged, photo), self._progress)
         self._judging.advance(1, 1)
-        source, lost, recipe, kept = result.synthesis.source, result.synthesis.lost, result.recipe, result.kept
+        (synthesis, recipe), kept = result.made, result.kept
+        source, lost = synthesis.source, synthesis.lost
         quality = _measures_of(self._quality, self._lattice, recipe)
         say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
@@ -276,32 +278,36 @@ class SynthesisRun:
 
         return (quality.add_to(first, looked_at, **more), *others)
 
-    def _tries(self, photo: JudgedPhoto) -> list[Try]:
+    def _judged(self, photo: JudgedPhoto, made: FirstTile) -> Fidelity | None:
+        with self._resources.stats.time("fidelity"):
+            return fidelity_of(photo, made[0].source, made[1])
+
+    def _tries(self, photo: JudgedPhoto) -> list[Try[FirstTile]]:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
         in_layout = functools.partial(self._in_own_layout, photo)
         layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
             return [replace(layout, improves=())]
-        tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
+        first = Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))
         if not plan.judged:
-            return tries
-        tries += [self._at_scale(photo, *scale) for scale in EVENER]
+            return [first]
+        others = [self._at_scale(photo, *scale) for scale in EVENER]
         is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
         if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
-            tries.append(layout)
-        return [*tries, self._at_scale(photo, *LARGER)]
+            others.append(layout)
+        return [first, *map(textured, (*others, self._at_scale(photo, *LARGER)))]
 
-    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, improves: tuple[str, ...]) -> Try:
+    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, improves: tuple[str, ...]) -> Try[FirstTile]:
         """A tile with another patch, and with sigma as a divisor of the longer side."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
-        def make(least: float) -> tuple[Synthesis, Recipe]:
+        def make(least: float) -> FirstTile:
             return self._run(recipe, self._constraints, look=glance(photo, recipe, least)), recipe
 
         return Try(recipe.scales, make, improves=improves)
 
-    def _in_own_layout(self, photo: JudgedPhoto, least: float) -> tuple[Synthesis, Recipe]:
+    def _in_own_layout(self, photo: JudgedPhoto, least: float) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)

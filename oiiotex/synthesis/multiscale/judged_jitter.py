@@ -16,8 +16,9 @@ from ...engine.core.demand import MadeRows
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.io.disk_cache import cached_arrays, hash_of
+from ...engine.session.progress import Progress
 from ..quality.fidelity import Fidelity, fidelity
-from ..quality.judged_tries import best_tried
+from ..quality.judged_tries import Try, best_tried
 from .infinite_plane import Plane
 from .synthesizer import PlaneSettings, Synthesizer
 
@@ -44,9 +45,11 @@ def best_jitter(
     jitters = [settings.jitter, *((0.0, *levels, 0.0) for levels in _JITTERED if len(levels) < plane.finest - 2)]
     key = hash_of(_VERSION, plane.key(settings, plane.finest), jitters, original)
 
+    def with_jitter(jitter: tuple[float, ...]) -> Try[Synthesizer]:
+        return Try(_spelled(jitter), lambda _: maker(replace(settings, jitter=jitter)))
+
     def decided() -> tuple[np.ndarray, ...]:
-        tries = ((_spelled(one), lambda one=one: maker(replace(settings, jitter=one))) for one in jitters)
-        best = best_tried(flag, tries, lambda made: _judged(plane, made, original))
+        best = best_tried(flag, map(with_jitter, jitters), lambda made: _judged(plane, made, original), Progress())
         measures = {} if best.kept is None else best.kept.measures()
         number = [_spelled(one) for one in jitters].index(best.spelled)
         return (np.array([number, *(measures.get(name, np.nan) for name in _MEASURES)]),)

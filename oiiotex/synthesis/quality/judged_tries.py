@@ -4,16 +4,45 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from ...engine.errors import Error, present
+from ...engine.errors import ImageError, present
 from .fidelity import GOOD, Fidelity
+
+if TYPE_CHECKING:
+    from ...engine.session.progress import Progress
 
 log = logging.getLogger("oiiotex")
 
 Made = TypeVar("Made")
+
+
+class Dismissed(Exception):
+    """A result is left out, because it cannot be the best one."""
+
+
+@dataclass(frozen=True)
+class Try(Generic[Made]):
+    """One way to make a result.
+
+    Attributes
+    ----------
+    spelled : str
+        The modifiers that request it.
+    make : callable
+        Makes the result. It is called with the fidelity of the best one so far, and may raise `Dismissed`.
+    time : float
+        Its time, relative to that of the first try.
+    improves : collection of str
+        It is only tried if the worst part of the first result's fidelity is one of these. Empty: any.
+    """
+
+    spelled: str
+    make: Callable[[float], Made]
+    time: float = 1.0
+    improves: Collection[str] = ()
 
 
 @dataclass(frozen=True)
@@ -26,7 +55,7 @@ class Tried(Generic[Made]):
 
 
 def best_tried(
-    flag: str, tries: Iterable[tuple[str, Callable[[], Made]]], judged: Callable[[Made], Fidelity | None]
+    flag: str, tries: Iterable[Try[Made]], judged: Callable[[Made], Fidelity | None], progress: Progress
 ) -> Tried[Made]:
     """Make results until one is good. The first must succeed; others that fail are skipped.
 
@@ -34,25 +63,34 @@ def best_tried(
     ----------
     flag : str
         Name of the op, for the log.
-    tries : iterable of (str, callable)
-        The modifiers that request a result, and what makes it.
+    tries : iterable of Try
     judged : callable
         The fidelity of a result.
+    progress : Progress
+        That of the first try.
     """
     best: Tried[Made] | None = None
-    for spelled, make in tries:
+    least, worst = 0.0, ""
+    for one in tries:
+        if one.improves and worst not in one.improves:
+            continue
         if best is not None:
-            log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, spelled)
+            log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
+            progress.lengthen(one.time)
         try:
-            made = make()
-        except Error as error:
+            made = one.make(least)
+        except (Dismissed, ImageError) as error:
             if best is None:
                 raise
-            log.info("%s: %s: %s", flag, spelled, error)
+            progress.advance(1, 1)
+            log.info("%s: %s: %s", flag, one.spelled, error)
             continue
         kept = judged(made)
-        if best is None or (best.kept is not None and kept is not None and kept.value > best.kept.value):
-            best = Tried(spelled, made, kept)
-        if best.kept is None or best.kept.value >= GOOD:
+        if kept is None:  # too small to measure
+            return best or Tried(one.spelled, made, None)
+        worst = worst or kept.worst
+        if best is None or kept.value > least:
+            best, least = Tried(one.spelled, made, kept), kept.value
+        if least >= GOOD:
             break
     return present(best)
