@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import Error
 from oiiotex.engine.session import Session
 from oiiotex.oiiotool.service.client import BRUSH, EXPORT, Client, connect
+from oiiotex.oiiotool.service.frames import _of_host
 from oiiotex.oiiotool.service.messages import Link, LinkError
 from oiiotex.oiiotool.service.pictures import facts_of, image_facts, image_of
 from oiiotex.oiiotool.service.settings import ResidentSettings
@@ -233,3 +235,11 @@ def test_a_folder_that_is_open_to_others_is_refused(tmp_path, monkeypatch):
     (tmp_path / "oiiotex").mkdir(mode=0o755)
     with pytest.raises(Error, match="expected a private folder"):
         SETTINGS.socket()
+
+
+def test_numbers_are_rounded_for_hosts_of_8_bits_and_ids_are_cut_off():
+    levels, ids = np.array([[[-1], [0.5], [2]]], np.float32), np.array([[[1], [255], [300]]], np.uint32)
+    for pixels, exact, wanted in ((levels, False, [0, 128, 255]), (ids, True, [1, 255, 255])):
+        part = replace(from_array(pixels).first, exact=exact)
+        host = _of_host(pixels, 4, "uint8", False, part)
+        np.testing.assert_array_equal(host, [[[one, one, one, 255] for one in wanted]])

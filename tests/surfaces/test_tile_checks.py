@@ -11,11 +11,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.parameters import Words
 from oiiotex.engine.core.tiling import tiling_of
 from oiiotex.engine.session import Session
+from oiiotex.filters.texcheckmaterial import _beyond, _limits
 from oiiotex.surfaces.capture.alignment import offset_between
 from oiiotex.surfaces.capture.material_checks import Fault
-from oiiotex.surfaces.capture.tile_checks import OF_TILES, finished_findings
+from oiiotex.surfaces.capture.tile_checks import OF_TILES, _across, finished_findings
 from tests import pictures
 from tests.any_filter import buffer
 from tests.conftest import oiiotex, save
@@ -164,3 +166,16 @@ def test_the_check_on_the_command_line(tmp_path):
     assert not any(finding["check"] in OF_TILES for finding in facts["findings"])  # not said to tile
     done = oiiotex("crop.exr", "--texcheckmaterial:fail=seems>2", "-o", "x.exr", cwd=tmp_path)
     assert done.returncode == 1 and "unknown measure 'seems'" in done.stderr
+
+
+def test_a_jump_at_the_border_is_relative_to_those_inside():
+    """A ramp rises by 1 from line to line, and falls by all of it at the border."""
+    ramp = np.repeat(np.arange(SIDE, dtype=np.float32)[None, :, None], SIDE, 0)
+    measures = _across(ramp, 1)
+    assert measures["seam"] == measures["excess"] == SIDE - 1 and measures["quieter"] == 100
+
+
+def test_conditions_count_errors_and_warnings():
+    found = {"findings": [{"level": "warning", "map": "a", "text": "b"}], "maps": []}
+    for words, failed in (("errors>0", []), ("warnings>0", ["a: b"]), ("warnings>1", []), ("none", [])):
+        assert [text for limit in _limits(Words((words,))) for text in _beyond(limit, found)] == failed

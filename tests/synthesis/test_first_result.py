@@ -20,9 +20,11 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import WHOLE, Progress
-from oiiotex.synthesis.exemplar.first_result import fidelity_of, glance
+from oiiotex.synthesis.exemplar.first_result import FirstTile, fidelity_of, glance, textured
 from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
+from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
+from oiiotex.synthesis.patchmatch.use_prices import Lost
 from oiiotex.synthesis.quality import judged_tries
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, JudgedPhoto, fidelity
 from oiiotex.synthesis.quality.judged_tries import Dismissed, Try, best_tried
@@ -258,6 +260,15 @@ def test_only_tiles_that_may_improve_the_worst_part_are_tried(spot, third):
     photo = JudgedPhoto(repeating(spot))
     best = best_tried("--x", tries, lambda tile: fidelity_of(photo, tile, RECIPE), Progress())
     assert made == ["first", "evenest", third] and best.spelled == "first"
+
+
+def test_a_tile_that_loses_texture_is_dismissed_whatever_its_fidelity():
+    def one(shown: float) -> Try[FirstTile]:
+        return textured(Try("x", lambda _: (Synthesis(IN_PLACE, IN_PLACE, Lost(0.9, shown)), RECIPE)))
+
+    assert one(0.9).make(0.0)[1] is RECIPE
+    with pytest.raises(Dismissed, match="50 % of the texture"):
+        one(0.4).make(0.0)
 
 
 def test_a_level_that_is_worse_than_the_best_tile_dismisses_its_own():
