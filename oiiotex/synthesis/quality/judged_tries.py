@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 
 class Dismissed(Exception):
-    """A result is left out, because it cannot be the best one."""
+    """A result is skipped, because it cannot be the best one."""
 
 
 @dataclass(frozen=True)
