@@ -67,7 +67,7 @@ class Preview(Gather):
     exemplar: Image | None = image(None, help="Photo from which the tile was made.")
     kinds: Words | None = param(None, help=KINDS_HELP, unset="one map: color", example="color,normal,data")
     normals: str = param(
-        "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
+        "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
     )
     panels: Words | None = param(
         None,
