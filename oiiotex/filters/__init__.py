@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 _GROUPS = {  # the name of each filter and the class that declares it, in the order of help
     "Texture synthesis": {
         "stationarize": "Stationarize", "synth": "Synth", "quilt": "Quilting", "cut": "Cut",
-        "patchmatch": "PatchMatch", "composite": "Composite", "paint": "Paint", "atlas": "Atlas", "zoom": "Zoom",
-        "graph": "ExemplarGraph", "join": "Join", "fill": "Fill",
+        "patchmatch": "PatchMatch", "transition": "Transition", "composite": "Composite", "paint": "Paint",
+        "atlas": "Atlas", "zoom": "Zoom", "graph": "ExemplarGraph", "join": "Join", "fill": "Fill",
     },
     "Texture preparation and material maps": {
         "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "estimateheight": "EstimateHeight",

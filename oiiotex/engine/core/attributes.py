@@ -13,6 +13,7 @@ TAG = "oiio:ColorSpace"
 UNKNOWN = "Rec709"  # OpenImageIO's tag of all PNM files; the configs do not know the name
 OURS = "oiiotex:"  # prefix of all following names
 SOURCE = "oiiotex:source"  # of a synthesized image: name of the photo, and hash of its pixels
+FILTER = "oiiotex:filter"  # of every result: the name of its op
 PARAMETERS = "oiiotex:parameters"  # of every result: the modifiers of its op
 
 COUNT = "oiiotex:labels"  # of a label part: number of labels

@@ -18,6 +18,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 from ..errors import Error, ParameterError, modifier
+from .attributes import FILTER, PARAMETERS
 from .parameters import Parameter, declared
 from .upright import upright
 
@@ -299,7 +300,7 @@ class Op:
         given = {name: value for name, value in self.values().items() if value is not None}
         given |= {slot.name: image.source for slot, image in self.given() if slot in self.optional_images()}
         words = ":".join(f"{name}={int(v) if isinstance(v, bool) else v}" for name, v in given.items())
-        facts = {"oiiotex:filter": self.name, "oiiotex:parameters": words}
+        facts = {FILTER: self.name, PARAMETERS: words}
         return facts | ({"oiiotex:seed": given["seed"]} if "seed" in given else {})
 
     @classmethod

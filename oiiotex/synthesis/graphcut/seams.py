@@ -55,11 +55,15 @@ class SeamPhoto:
         return out
 
     def _apart(self, a: np.ndarray, b: np.ndarray, step: np.ndarray) -> np.ndarray:
-        a_s, a_t, b_s, b_t = (self.at(*p).astype(np.int32) for p in (a, a + step, b - step, b))
-        difference = lengths(a_s - b_s) + lengths(a_t - b_t)
-        gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + _FLOOR
-        # a seam between equal colors is not free: the shorter one of two equal seams is better
-        return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
+        return seam_cost(*(self.at(*p).astype(np.int32) for p in (a, a + step, b - step, b)))
+
+
+def seam_cost(a_s: np.ndarray, a_t: np.ndarray, b_s: np.ndarray, b_t: np.ndarray) -> np.ndarray:
+    """KSE03 eq. 2 for colors of A and B at both pixels of edges, (n, 3) int32 each: (n,) int64."""
+    difference = lengths(a_s - b_s) + lengths(a_t - b_t)
+    gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + _FLOOR
+    # a seam between equal colors is not free: the shorter one of two equal seams is better
+    return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
 
 
 def edges(shape: tuple[int, int], step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -127,6 +131,60 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
     out = new.copy()
     out[free] = taken
     return out.reshape(shape)
+
+
+@dataclass(frozen=True)
+class Borders:
+    """What it costs if two neighboring pixels of a grid differ.
+
+    Attributes
+    ----------
+    s, t : (n,) int
+        Flat indices of the pixels.
+    begins, ends : (n,) int64
+        Cost if only `t`, or only `s`, is chosen.
+    """
+
+    s: np.ndarray
+    t: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+
+
+def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, borders: list[Borders]) -> np.ndarray:
+    """Which pixels of a grid are chosen at the least cost; of equal choices, the largest.
+
+    Parameters
+    ----------
+    free : (h, w) bool
+        The pixels that are decided.
+    fixed : (h, w) bool
+        Whether the others are chosen.
+    lean : (h * w,) int64
+        Cost of choosing a pixel; it is overwritten.
+    borders : list of Borders
+
+    Returns
+    -------
+    (h, w) bool
+    """
+    flat, others = free.ravel(), fixed.ravel()
+    number = np.cumsum(flat) - 1
+    arcs = []
+    for border in borders:
+        s, t, begins, ends = border.s, border.t, border.begins, border.ends
+        for one, other, if_chosen, if_not in ((t, s, begins, ends), (s, t, ends, begins)):
+            alone = flat[one] & ~flat[other]
+            # next to a chosen pixel, it costs not to be chosen, and the other way round
+            np.add.at(lean, one[alone], np.where(others[other], -if_not, if_chosen)[alone])
+        pair = flat[s] & flat[t]
+        arcs += [
+            (number[s[pair]], number[t[pair]], begins[pair]), (number[t[pair]], number[s[pair]], ends[pair])
+        ]  # fmt: skip
+    out = others.copy()
+    if flat.any():
+        out[flat] = minimum_cut(int(flat.sum()), arcs, lean[flat])
+    return out.reshape(free.shape)
 
 
 def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]], lean: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
-from ..graphcut.seams import MOST_COST, NEIGHBORS, SeamPhoto, edges, minimum_cut
+from ..graphcut.seams import MOST_COST, NEIGHBORS, Borders, SeamPhoto, chosen, edges
 from .strip import PhotoStrip
 
 _DECIDED = 1 << 14  # px that one cut decides on
@@ -59,31 +59,18 @@ def _cut(strip: PhotoStrip, places: list[np.ndarray], free: np.ndarray, taken: n
     """
     start, end = places
     photo = SeamPhoto(_Colors(strip, strip.values))  # type: ignore[arg-type]
-    shape, flat, fixed = free.shape, free.ravel(), taken.ravel()
-    number = np.cumsum(flat) - 1
-    lean = np.zeros(flat.size, np.int64)
+    lean = np.zeros(free.size, np.int64)
     if strip.usable is not None:
         valid = [strip.usable[place[0], place[1]] for place in places]
         lean += _INVALID * (valid[1].astype(np.int64) - valid[0])
-    arcs = []
+    flat, borders = free.ravel(), []
     for step in NEIGHBORS:
-        s, t = _edges(shape, step, strip.closed)
+        s, t = _edges(free.shape, step, strip.closed)
         kept = flat[s] | flat[t]
         s, t = s[kept], t[kept]
         begins = photo.costs(end[:, s], start[:, t], step)  # of a seam: s shows the end, t the start
-        ends = photo.costs(start[:, s], end[:, t], step)
-        for free_one, other, if_start, if_end in ((t, s, begins, ends), (s, t, ends, begins)):
-            alone = flat[free_one] & ~flat[other]
-            # next to a start, showing the end costs a seam, and the other way round
-            change = np.where(fixed[other], -if_end, if_start)
-            np.add.at(lean, free_one[alone], change[alone])
-        pair = flat[s] & flat[t]
-        arcs += [
-            (number[s[pair]], number[t[pair]], begins[pair]), (number[t[pair]], number[s[pair]], ends[pair])
-        ]  # fmt: skip
-    out = fixed.copy()
-    out[flat] = minimum_cut(int(flat.sum()), arcs, lean[flat])
-    return out.reshape(shape)
+        borders.append(Borders(s, t, begins, photo.costs(start[:, s], end[:, t], step)))
+    return chosen(free, taken, lean, borders)
 
 
 def _edges(shape: tuple[int, int], step: tuple[int, int], closed: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -19,17 +19,17 @@ from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError
 from .tiles import COUNTS, Edges, between, border_pixels, edges_of
 
-_CORNERS = ("0010", "0001", "0111", "1011")  # on a torus, every square of four corners occurs once
+CORNERS = ("0010", "0001", "0111", "1011")  # on a torus, every square of four corners occurs once
 _GRID = re.compile(r"(\d{1,2})x(\d{1,2})", re.ASCII)
 
 
 def atlas_edges(count: int) -> list[list[Edges]]:
     """The edges of the tiles of an atlas by row and column.
 
-    Wei04 orders edge colors so that every combination occurs once. For corner colors, `_CORNERS` does so.
+    Wei04 orders edge colors so that every combination occurs once. For corner colors, `CORNERS` does so.
     """
     side = math.isqrt(count)
-    corners = [[int(color) if count > COUNTS[0] else 0 for color in row] for row in _CORNERS]
+    corners = [[int(color) if count > COUNTS[0] else 0 for color in row] for row in CORNERS]
 
     def corner(y: int, x: int) -> int:
         return corners[y % side % len(corners)][x % side % len(corners)]

@@ -18,4 +18,6 @@ from oiiotex.surfaces.charts.lighting import (
 from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image
+from oiiotex.synthesis.wang.transition import LAYOUT as TRANSITION_LAYOUT
+from oiiotex.synthesis.wang.transition import transition_count, transition_points
 from oiiotex.synthesis.wang.viewer import SHADERS, shader, viewer_page

@@ -10,7 +10,7 @@ import logging
 import math
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -87,12 +87,7 @@ def _parser() -> _Parser:
     own.add_argument("target", type=_path, metavar="FOLDER", help="Target folder, outside the library.")
     _add_search(own, "ok")
     text = "Deliver atlases of Wang tiles to renderers: MaterialX, USD, shaders and a web page that shows the plane."
-    own = command("wang", _wang, text, library=False)
-    add = own.add_argument
-    add("folder", type=_path, metavar="FOLDER", help="Target folder.")
-    text = "Atlas of a map, made with --texstationarize:pack=atlas: color=FILE, normal=FILE, height=FILE ..."
-    add("maps", nargs="+", metavar="ROLE=FILE", help=text)
-    add("--name", default="", help="Name of the material. Default: name of the folder.")
+    add = _add_atlases(command("wang", _wang, text, library=False), "--texstationarize:pack=atlas")
     add("--seed", type=_number, default=0, metavar="N", help="Arrangement of the tiles, as in an .oiiotex file.")
     text = "Width and height of a tile in units of texture coordinates, such as meters. Default: 1x1."
     add("--size", default="1x1", metavar="WxH", help=text)
@@ -100,7 +95,20 @@ def _parser() -> _Parser:
     add("--relief", type=float, default=0.0, metavar="LENGTH", help=text)
     text = "Convention of the normals. Default: opengl."
     add("--normals", default="opengl", choices=("opengl", "directx"), help=text)
+    text = "Deliver atlases of two materials to editors of tile maps: a tile set and a map for Tiled, one for Godot."
+    add = _add_atlases(command("tileset", _tileset, text, library=False), "--textransition")
+    text = "Names of the two materials, such as grass,sand. Default: first,second."
+    add("--materials", default="first,second", metavar="NAME,NAME", help=text)
     return parser
+
+
+def _add_atlases(parser: argparse.ArgumentParser, made_by: str) -> Callable[..., object]:
+    add = parser.add_argument
+    add("folder", type=_path, metavar="FOLDER", help="Target folder.")
+    text = f"Atlas of a map, made with {made_by}: color=FILE, normal=FILE, height=FILE ..."
+    add("maps", nargs="+", metavar="ROLE=FILE", help=text)
+    add("--name", default="", help="Name of the material. Default: name of the folder.")
+    return add
 
 
 def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
@@ -293,31 +301,50 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _wang(given: argparse.Namespace, words: list[str]) -> int:
-    from ..api.files import checked_name
-    from ..materials.naming import PACKED, ROLES
-    from .wang import deliver_wang
+    from .wang import delivered, write_wang
 
     size = _LENGTHS.fullmatch(given.size)
     if not size or not min(map(float, size.groups())) > 0:
         raise ParameterError(f"--size {given.size}: expected WIDTHxHEIGHT, such as 2x1.5")
-    files, roles = {}, [role for role in ROLES if role != PACKED]
-    for word in given.maps:
-        role, equals, file = word.partition("=")
-        if not (equals and file and role in roles) or role in files:
-            raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(roles)}")
-        files[role] = Path(file)
+    files, name = _atlases(given)
     if not 0 <= given.relief < math.inf:
         raise ParameterError(f"--relief {given.relief}: expected a number >= 0")
     if given.relief and "height" not in files:
         raise ParameterError(f"--relief {given.relief:g}: requires height=FILE")
     if given.seed > _MOST_SEED:
         raise ParameterError(f"--seed {given.seed}: expected an integer from 0 to {_MOST_SEED}")
-    name = checked_name(given.name or given.folder.resolve().name, "--name")
+    how = name, given.seed, (float(size[1]), float(size[2])), given.relief, given.normals
+    print("\n".join(delivered(files, given.folder, name, lambda atlases, at: write_wang(atlases, at, *how))))
+    return 0
+
+
+def _tileset(given: argparse.Namespace, words: list[str]) -> int:
+    from .tileset import write_tileset
+    from .wang import delivered
+
+    files, name = _atlases(given)
+    names = given.materials.split(",")
+    if len(names) != 2 or not all(one and one.isprintable() for one in names):
+        raise ParameterError(f"--materials {given.materials}: expected two names, such as grass,sand")
+    how = name, (names[0], names[1])
+    print("\n".join(delivered(files, given.folder, name, lambda atlases, at: write_tileset(atlases, at, *how))))
+    return 0
+
+
+def _atlases(given: argparse.Namespace) -> tuple[dict[str, Path], str]:
+    """The given atlases by role, and the name of what is delivered."""
+    from ..api.files import checked_name
+    from ..materials.naming import PACKED, ROLES
+
+    files, roles = dict[str, Path](), [role for role in ROLES if role != PACKED]
+    for word in given.maps:
+        role, equals, file = word.partition("=")
+        if not (equals and file and role in roles) or role in files:
+            raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(roles)}")
+        files[role] = Path(file)
     if given.folder.exists() and not given.folder.is_dir():
         raise ParameterError(f"{given.folder}: expected a folder, but it is a file")
-    sides = float(size[1]), float(size[2])
-    print("\n".join(deliver_wang(files, given.folder, name, given.seed, sides, given.relief, given.normals)))
-    return 0
+    return files, checked_name(given.name or given.folder.resolve().name, "--name")
 
 
 def _catalog(given: argparse.Namespace) -> Catalog:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -46,21 +46,21 @@ class WangFiles(NamedTuple):
     size_m: tuple[float, float]
 
 
-def deliver_wang(
-    files: Mapping[str, Path], folder: Path, name: str, seed: int, size_m: tuple[float, float], relief: float, hand: str
+def delivered(
+    files: Mapping[str, Path], folder: Path, name: str, finish: Callable[[Mapping[str, str], Path], object]
 ) -> list[str]:
-    """Write all files of a material into a folder, one atomically after another; other files there are kept.
+    """Write atlases and what belongs to them into a folder, one file atomically after another; others there are kept.
 
-    `files`: atlases of --texstationarize:pack=atlas, of one run, by role. The others are those of `write_wang`.
+    `files`: atlases by role; `finish`: (their names by role, a folder that holds them) adds the rest to that folder.
     Returns the names of the written files.
     """
     with tempfile.TemporaryDirectory(prefix="oiiotex") as text:
         work = Path(text)
         atlases = {role: f"{name}_{role}{path.suffix}" for role, path in files.items()}
-        _side_of({role: read(str(path)) for role, path in files.items()})
         for role, path in files.items():
+            read(str(path))  # an image, with the reader's own message otherwise
             shutil.copyfile(path, work / atlases[role])
-        write_wang(atlases, work, name, seed, size_m, relief, hand)
+        finish(atlases, work)
         folder.mkdir(parents=True, exist_ok=True)
         names = sorted(path.name for path in work.iterdir())
         for one in names:
