@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -27,6 +29,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"fail": Words(("none",))} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
+    found |= {"tiled": "xy"} if op.name in PAIRS else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
     return found | {name: value for name, value in more.items() if name in names}
 
@@ -76,7 +79,15 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
         return [photo, ids(np.indices((64, 72))[1] >= 20)]
     if op.name in PLATES:
         return [photo, photo]
+    if op.name in PAIRS:
+        return [photo, oiio.ImageBufAlgo.flop(photo)]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
+
+
+def named(op: type[Op], given: list[Any]) -> dict[str, Any]:
+    """Images by the names of the op's inputs."""
+    inputs = op.images()
+    return {inputs[0].name: tuple(given)} if inputs[0].many else {i.name: g for i, g in zip(inputs, given, strict=True)}
 
 
 def apply(op: type[Op], photo: oiio.ImageBuf, session: Session | None = None, **values: object) -> oiio.ImageBuf:
@@ -106,6 +117,7 @@ def is_view(op: type[Op]) -> bool:
 RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PLATES = ("project",)  # and a plate with the same channels
+PAIRS = ("transition",)  # and a second tile
 PAINTINGS = ("paint",)  # and a painting of labels
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it

@@ -145,6 +145,11 @@ CASES = {
         lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:sigmamin=6:sigma=12",)
     ),
     "label_two_textures": Case(_two_textures, ("--texlabel",)),
+    "transition_bricks_moss": Case(
+        lambda: pictures.bricks(64, 64, 1),
+        ("second.exr", "--iscolorspace", "srgb_rec709_scene", "--textransition:tiled=xy:seed=3"),
+        second=lambda: pictures.moss(64, 64, 2),
+    ),
     "composite_two_textures": Case(_two_textures, (_LABELED, "--texcomposite:size=200x160:patch=16:seed=2")),
     "palette_two_textures": Case(_two_textures, (_LABELED, "--texpalette:panel=40")),
     "paint_two_textures": Case(

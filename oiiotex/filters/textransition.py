@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..engine.color.lab import color_to_convert
 from ..engine.core.access import Whole
 from ..engine.core.attributes import ATLAS, TAG, mark_as_data
-from ..engine.core.image import Image, Part, derived_spec, from_pixels, spec_beside
+from ..engine.core.image import Image, Part, derived_spec, dtype_of, from_pixels, spec_beside
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Size, Words, image, param
 from ..engine.core.tiling import TILED, retiled, tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
-from ..engine.errors import ImageError, ParameterError
+from ..engine.errors import ColorError, ImageError, ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import SEED
 from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of, read_material
 
 if TYPE_CHECKING:
-    from ..synthesis.wang.transition import Shown
+    from ..synthesis.wang.transition import TransitionTiles
 
 _SMALLEST = 16  # px
 _LARGEST = 65536  # px, of all tiles together
@@ -104,7 +104,8 @@ class Transition(Whole):
                 self._require_tiles(tile)
         if kinds[0] == "color":
             for tile in pairs[0]:
-                color_to_convert(tile, facts, Space.LAB)
+                if color_to_convert(tile, facts, Space.LAB) is None:
+                    raise ColorError("is data: it has no Lab", subject=tile.source, hint="use kinds=data")
         spec = self.materials[0].first.spec
         side, most = min(spec.width, spec.height), widest(self.count, min(spec.width, spec.height))
         if side < _SMALLEST:
@@ -139,7 +140,7 @@ class Transition(Whole):
         results[0]["splat"] = lambda: self._splat(found, results[0]["atlas"].spec)
         return tuple(results)
 
-    def _splat(self, found: Shown, spec: oiio.ImageSpec) -> Part:
+    def _splat(self, found: TransitionTiles, spec: oiio.ImageSpec) -> Part:
         from ..synthesis.wang.transition import LAYOUT, in_sheet
 
         weights = in_sheet([found.weights(number) for number in range(len(found.tiles))], LAYOUT[self.count])
@@ -168,18 +169,25 @@ def _require_alike(first: Image, second: Image, like: Image, color: bool) -> Non
             )
     for name, values in (
         ("channels", [",".join(spec.channelnames) for spec in specs[1:]]),
-        ("pixel type", [str(one.first.spec.format) for one in (first, second)]),
+        ("pixel type", [_type_of(one) for one in (first, second)]),
         ("color space", [spec.get_string_attribute(TAG) for spec in specs[1:]] if color else []),
     ):
         if len(set(values)) > 1:
             raise ImageError(f"{second.source} has {name} {values[1]}: expected {values[0]}, as {first.source}")
 
 
+def _type_of(image: Image) -> str:
+    """Its pixel type; all floats fit each other."""
+    spec = image.first.spec
+    return "float" if np.issubdtype(dtype_of(spec), np.floating) else str(spec.format)
+
+
 def _atlas(pair: tuple[Image, Image], sheet: np.ndarray, count: int) -> Part:
     """The pixels of one material where the sheet of all tiles is False, and those of the other where it is True."""
     from ..synthesis.wang.transition import LAYOUT
 
-    first, second = (one.first.pixels() for one in pair)
+    first = pair[0].first.pixels()
+    second = pair[1].first.pixels().astype(first.dtype)
     height, width = first.shape[:2]
     columns, rows = LAYOUT[count]
     spec = tiled_spec(derived_spec(pair[0].first.spec, *sheet.shape[::-1]), "xy" if columns == rows else "none")

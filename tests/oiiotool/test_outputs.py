@@ -23,7 +23,7 @@ from oiiotex.engine.io.reading import read
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
-from tests.any_filter import PHOTO, buffer, of, operands, settings
+from tests.any_filter import PHOTO, buffer, named, of, operands, settings
 from tests.conftest import oiiotex, save
 
 READ = {"palette", "graph", "draw", "fromplan", "mesh", "motion"}  # parameters that name a file which the op reads
@@ -47,10 +47,9 @@ def used(op: type[Op], source: Image | None = None, **values: Any) -> Op:
     """One cheap use of the op, on a photo in halfs."""
     given = [from_buffer(b) for b in operands(op, buffer(PHOTO, oiio.HALF))]
     given[0] = source or given[0]
-    images = {i.name: (one,) if i.many else one for i, one in zip(op.images(), given, strict=True)}
     small = settings(op)
     small |= {"labels": from_buffer(small["labels"])} if "labels" in small else {}
-    return op(**{**images, **small, **values})
+    return op(**{**named(op, given), **small, **values})
 
 
 @of(list(filters.FILTERS))

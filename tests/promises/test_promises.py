@@ -24,6 +24,7 @@ from tests import pictures
 from tests.any_filter import (
     COLOR,
     LABELED,
+    PAIRS,
     PHOTO,
     PICTURES,
     RESAMPLED,
@@ -35,6 +36,7 @@ from tests.any_filter import (
     every_filter,
     image_kind,
     is_view,
+    named,
     of,
     operands,
     pixels,
@@ -70,7 +72,8 @@ def plain(op: type[Op]) -> np.ndarray:
 def test_a_seed_is_a_promise(op):
     np.testing.assert_array_equal(pixels(apply(op, buffer(PHOTO), seed=0)), plain(op))
     if "seed" in settings(op, seed=0) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
-        assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > 0.3
+        least = 0.03 if op.name in PAIRS else 0.3  # only borders move
+        assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > least
 
 
 @pytest.mark.slow
@@ -112,9 +115,8 @@ def test_any_window_is_the_whole_cropped(op, tmp_path):
         spec.tile_width, spec.tile_height = tile
         out = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
         assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
-        second = from_buffer(operands(op, buffer(PHOTO))[-1])
-        images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
-        images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
+        first, others = read(tmp_path / "a.exr"), operands(op, buffer(PHOTO))[1:]
+        images = named(op, [first, *(first if op.name in PAIRS else from_buffer(one) for one in others)])
         given = settings(op)
         if op.name in LABELED:
             given["labels"] = from_buffer(given["labels"])
@@ -159,7 +161,7 @@ def test_what_changes_color_leaves_the_rest_alone(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOR if op.copies])
+@of([op for op in COLOR if op.copies and op.name not in PAIRS])  # these copy each pixel to its own place
 def test_pixels_of_alpha_0_are_never_a_source(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0

@@ -134,7 +134,7 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
 
 
 @dataclass(frozen=True)
-class Borders:
+class GridEdges:
     """What it costs if two neighboring pixels of a grid differ.
 
     Attributes
@@ -151,7 +151,7 @@ class Borders:
     ends: np.ndarray
 
 
-def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, borders: list[Borders]) -> np.ndarray:
+def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, costs: list[GridEdges]) -> np.ndarray:
     """Which pixels of a grid are chosen at the least cost; of equal choices, the largest.
 
     Parameters
@@ -162,7 +162,7 @@ def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, borders: list[
         Whether the others are chosen.
     lean : (h * w,) int64
         Cost of choosing a pixel; it is overwritten.
-    borders : list of Borders
+    costs : list of GridEdges
 
     Returns
     -------
@@ -171,12 +171,12 @@ def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, borders: list[
     flat, others = free.ravel(), fixed.ravel()
     number = np.cumsum(flat) - 1
     arcs = []
-    for border in borders:
-        s, t, begins, ends = border.s, border.t, border.begins, border.ends
-        for one, other, if_chosen, if_not in ((t, s, begins, ends), (s, t, ends, begins)):
-            alone = flat[one] & ~flat[other]
+    for one in costs:
+        s, t, begins, ends = one.s, one.t, one.begins, one.ends
+        for free_one, other, if_chosen, if_not in ((t, s, begins, ends), (s, t, ends, begins)):
+            alone = flat[free_one] & ~flat[other]
             # next to a chosen pixel, it costs not to be chosen, and the other way round
-            np.add.at(lean, one[alone], np.where(others[other], -if_not, if_chosen)[alone])
+            np.add.at(lean, free_one[alone], np.where(others[other], -if_not, if_chosen)[alone])
         pair = flat[s] & flat[t]
         arcs += [
             (number[s[pair]], number[t[pair]], begins[pair]), (number[t[pair]], number[s[pair]], ends[pair])

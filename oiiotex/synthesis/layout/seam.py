@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
-from ..graphcut.seams import MOST_COST, NEIGHBORS, Borders, SeamPhoto, chosen, edges
+from ..graphcut.seams import MOST_COST, NEIGHBORS, GridEdges, SeamPhoto, chosen, edges
 from .strip import PhotoStrip
 
 _DECIDED = 1 << 14  # px that one cut decides on
@@ -63,14 +63,14 @@ def _cut(strip: PhotoStrip, places: list[np.ndarray], free: np.ndarray, taken: n
     if strip.usable is not None:
         valid = [strip.usable[place[0], place[1]] for place in places]
         lean += _INVALID * (valid[1].astype(np.int64) - valid[0])
-    flat, borders = free.ravel(), []
+    flat, costs = free.ravel(), []
     for step in NEIGHBORS:
         s, t = _edges(free.shape, step, strip.closed)
         kept = flat[s] | flat[t]
         s, t = s[kept], t[kept]
         begins = photo.costs(end[:, s], start[:, t], step)  # of a seam: s shows the end, t the start
-        borders.append(Borders(s, t, begins, photo.costs(start[:, s], end[:, t], step)))
-    return chosen(free, taken, lean, borders)
+        costs.append(GridEdges(s, t, begins, photo.costs(start[:, s], end[:, t], step)))
+    return chosen(free, taken, lean, costs)
 
 
 def _edges(shape: tuple[int, int], step: tuple[int, int], closed: bool) -> tuple[np.ndarray, np.ndarray]:

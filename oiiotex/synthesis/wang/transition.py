@@ -20,7 +20,7 @@ from ...engine.core.attributes import ATLAS, FILTER
 from ...engine.core.demand import SomeRows, resized
 from ...engine.core.parameters import Size
 from ...engine.deferred import np, oiio
-from ..graphcut.seams import NEIGHBORS, Borders, chosen, edges, seam_cost
+from ..graphcut.seams import NEIGHBORS, GridEdges, chosen, edges, seam_cost
 from ..patchmatch.field import hash_at
 from .atlas import CORNERS
 
@@ -82,7 +82,7 @@ def in_sheet(tiles: list[np.ndarray], layout: Size) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Shown:
+class TransitionTiles:
     """Where a set of tiles shows the second material.
 
     Attributes
@@ -119,7 +119,7 @@ class Shown:
 
 def shown(
     materials: tuple[SomeRows, SomeRows], count: int, width: float, seed: int, advance: Callable[[int, int], None]
-) -> Shown:
+) -> TransitionTiles:
     """Decide where each tile of a set shows the second material.
 
     Parameters
@@ -187,7 +187,7 @@ class _Level:
             self._strips[key] = self._strip(axis, line)
         return self._strips[key]
 
-    def shown(self) -> Shown:
+    def shown(self) -> TransitionTiles:
         """All decided tiles."""
         tiles, depth = np.stack(self.tiles), self.depth
         around = np.pad(tiles, ((0, 0), (depth, depth), (depth, depth)), mode="edge")
@@ -199,7 +199,7 @@ class _Level:
                 other = slice(depth, None) if at_end else slice(0, depth)
                 across = (other, slice(None)) if axis == 0 else (slice(None), other)
                 around[number][tuple(beyond)] = self.strip(axis, line)[across]
-        return Shown(tiles, around)
+        return TransitionTiles(tiles, around)
 
     def _strip(self, axis: int, line: tuple[int, ...]) -> np.ndarray:
         depth, corner = self.depth, (-self.depth, 0) if axis == 0 else (0, -self.depth)
@@ -227,13 +227,13 @@ class _Level:
         if not free.any():
             return fixed
         first, second = (_window(grid, corner, free.shape).reshape(-1, 3).astype(np.int32) for grid in self.grids)
-        borders, flat = [], free.ravel()
+        costs, flat = [], free.ravel()
         for step in NEIGHBORS:
             s, t = edges(free.shape, step)
             s, t = (one[flat[s] | flat[t]] for one in (s, t))
             cost = seam_cost(first[s], first[t], second[s], second[t])
-            borders.append(Borders(s, t, cost, cost))
-        return chosen(free, fixed, lean, borders)
+            costs.append(GridEdges(s, t, cost, cost))
+        return chosen(free, fixed, lean, costs)
 
 
 def _edges(points: np.ndarray, depth: int) -> Iterator[tuple[int, tuple[int, ...], Place, Place]]:

@@ -301,7 +301,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _wang(given: argparse.Namespace, words: list[str]) -> int:
-    from .wang import delivered, write_wang
+    from .wang import delivered, side_of, write_wang
 
     size = _LENGTHS.fullmatch(given.size)
     if not size or not min(map(float, size.groups())) > 0:
@@ -314,20 +314,23 @@ def _wang(given: argparse.Namespace, words: list[str]) -> int:
     if given.seed > _MOST_SEED:
         raise ParameterError(f"--seed {given.seed}: expected an integer from 0 to {_MOST_SEED}")
     how = name, given.seed, (float(size[1]), float(size[2])), given.relief, given.normals
-    print("\n".join(delivered(files, given.folder, name, lambda atlases, at: write_wang(atlases, at, *how))))
+    print("\n".join(delivered(files, given.folder, name, side_of, lambda atlases, at: write_wang(atlases, at, *how))))
     return 0
 
 
 def _tileset(given: argparse.Namespace, words: list[str]) -> int:
-    from .tileset import write_tileset
+    from .tileset import checked, write_tileset
     from .wang import delivered
 
     files, name = _atlases(given)
     names = given.materials.split(",")
     if len(names) != 2 or not all(one and one.isprintable() for one in names):
         raise ParameterError(f"--materials {given.materials}: expected two names, such as grass,sand")
-    how = name, (names[0], names[1])
-    print("\n".join(delivered(files, given.folder, name, lambda atlases, at: write_tileset(atlases, at, *how))))
+    first, second = names
+    written = delivered(
+        files, given.folder, name, checked, lambda atlases, at: write_tileset(atlases, at, name, (first, second))
+    )
+    print("\n".join(written))
     return 0
 
 

@@ -44,14 +44,14 @@ def write_tileset(atlases: Mapping[str, str], folder: Path, name: str, names: tu
     Error
         A file is not such an atlas, or they do not belong together.
     """
-    count, size = _checked({role: read(str(folder / file)) for role, file in atlases.items()})
+    count, size = checked({role: read(str(folder / file)) for role, file in atlases.items()})
     points = materials.transition_points(count)
     _write_xml(_tsx(points, size, atlases["color"], name, names), folder / f"{name}.tsx")
     _write_xml(_tmx(points, size, name), folder / f"{name}.tmx")
     (folder / f"{name}.tres").write_text(_tres(points, size, atlases, names), encoding="utf-8")
 
 
-def _checked(maps: Mapping[str, Image]) -> tuple[int, tuple[int, int]]:
+def checked(maps: Mapping[str, Image]) -> tuple[int, tuple[int, int]]:
     """The number of tiles, and the size of a tile."""
     if "color" not in maps:
         raise Error(f"{', '.join(maps) or 'no maps'}: expected color=FILE")
@@ -60,7 +60,7 @@ def _checked(maps: Mapping[str, Image]) -> tuple[int, tuple[int, int]]:
         spec = image.first.spec
         if not (count := materials.transition_count(spec)):
             raise Error(
-                f"{image.source} is not an atlas of --textransition, as EXR or PNG, which keep the attribute oiiotex:atlas"
+                f"{image.source} is not an atlas of --textransition; save it as EXR or PNG, which keep its attributes"
             )
         found[role] = count, (spec.width, spec.height)
     for role, one in found.items():

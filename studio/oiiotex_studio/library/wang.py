@@ -47,18 +47,23 @@ class WangFiles(NamedTuple):
 
 
 def delivered(
-    files: Mapping[str, Path], folder: Path, name: str, finish: Callable[[Mapping[str, str], Path], object]
+    files: Mapping[str, Path],
+    folder: Path,
+    name: str,
+    check: Callable[[Mapping[str, Image]], object],
+    finish: Callable[[Mapping[str, str], Path], object],
 ) -> list[str]:
     """Write atlases and what belongs to them into a folder, one file atomically after another; others there are kept.
 
-    `files`: atlases by role; `finish`: (their names by role, a folder that holds them) adds the rest to that folder.
+    `files`: atlases by role. `check`: refuses them by role. `finish`: (their names by role, a folder that holds them)
+    adds the rest to that folder.
     Returns the names of the written files.
     """
     with tempfile.TemporaryDirectory(prefix="oiiotex") as text:
         work = Path(text)
         atlases = {role: f"{name}_{role}{path.suffix}" for role, path in files.items()}
+        check({role: read(str(path)) for role, path in files.items()})
         for role, path in files.items():
-            read(str(path))  # an image, with the reader's own message otherwise
             shutil.copyfile(path, work / atlases[role])
         finish(atlases, work)
         folder.mkdir(parents=True, exist_ok=True)
@@ -104,7 +109,7 @@ def write_wang(
         A file is not an atlas, or they do not belong together; MaterialX or usd-core is missing.
     """
     maps = {role: read(str(folder / file)) for role, file in atlases.items()}
-    side = _side_of(maps)
+    side = side_of(maps)
 
     def beside(role: str, word: str) -> PurePosixPath:
         """`NAME_color.png` -> `NAME_WORD.png`; `color.png` -> `WORD.png`."""
@@ -130,7 +135,7 @@ def write_wang(
     return WangFiles(side, index, tiles, plane, size_m)
 
 
-def _side_of(maps: Mapping[str, Image]) -> int:
+def side_of(maps: Mapping[str, Image]) -> int:
     """Tiles along a side of the atlases."""
     if "color" not in maps:
         raise Error(f"{', '.join(maps) or 'no maps'}: expected color=FILE")
