@@ -43,6 +43,7 @@ SLOW = {  # more than two seconds of an idle machine
         "keep-or-remove-objects",
         "library",
         "painting-with-labels",
+        "transition-tiles",
         "udim-mesh",
         "unity",
         "unreal",
@@ -94,6 +95,9 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     window[16:38, 30:50] = 0.15, 0.2, 0.5
     save(window, folder / "wall.png")
     save(stones, folder / "gravel.jpg")
+    for name, pixels in (("grass", pictures.moss(SIDE, SIDE, 1)), ("pebbles", stones)):
+        save(pixels, folder / f"{name}.jpg")
+        save(np.broadcast_to(np.float32([0.5, 0.5, 1]), pixels.shape), folder / f"{name}_normal.png")
     save(wall, folder / "color.png")
     up = np.broadcast_to(np.float32([0.5, 0.5, 1]), wall.shape)
     save(up, folder / "normal.png")
