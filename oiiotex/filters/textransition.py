@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 _SMALLEST = 16  # px
 _LARGEST = 65536  # px, of all tiles together
-_PIXEL_BYTES = 64  # of a material: Lab, grids of all levels, and the pixels
-_MASK_BYTES = 2  # of a pixel of the result
+_PIXEL_BYTES = 120  # of a tile: Lab, grids of all levels, pixels of both materials, and what a cut numbers
+_MASK_BYTES = 3  # of a pixel of the result
 _DECIDED_BYTES = 400  # of a pixel on which a cut decides
 
 
@@ -133,7 +133,7 @@ class Transition(Whole):
             first, second = (read_material((one,), Words(kinds[:1]), None, False, resources)[0] for one in pairs[0])
         with resources.stats.time("borders"):
             found = shown((first, second), self.count, width, self.seed, session.progress.advance)
-        sheet, results = in_sheet(list(found.tiles), LAYOUT[self.count]), list[dict[str, Any]]()
+        sheet, results = in_sheet(found.tiles, LAYOUT[self.count]), list[dict[str, Any]]()
         for pair, kind in zip(pairs, kinds, strict=True):
             atlas = _atlas(pair, sheet, self.count)
             results.append({"atlas": atlas if kind == "color" else atlas.respecced(mark_as_data)})

@@ -11,7 +11,7 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine.errors import ImageError, ParameterError
-from oiiotex.synthesis.graphcut.seams import GridEdges, chosen, edges
+from oiiotex.synthesis.graphcut.seams import NEIGHBORS, GridEdges, chosen, edges, edges_at
 from oiiotex.synthesis.wang.transition import LAYOUT, controls, shown, widest
 from tests import pictures
 from tests.any_filter import buffer
@@ -61,11 +61,11 @@ def test_tiles_that_may_meet_agree_along_their_edge(found):
         if (points[left][:, -1] == points[right][:, 0]).all():
             meetings += 1
             np.testing.assert_array_equal(
-                one.around[left][depth:-depth, -depth:], one.tiles[right][:, :depth], f"{left} {right}"
+                one.around(left)[depth:-depth, -depth:], one.tiles[right][:, :depth], f"{left} {right}"
             )
-            np.testing.assert_array_equal(one.around[right][depth:-depth, :depth], one.tiles[left][:, -depth:])
+            np.testing.assert_array_equal(one.around(right)[depth:-depth, :depth], one.tiles[left][:, -depth:])
         if (points[left][-1] == points[right][0]).all():
-            np.testing.assert_array_equal(one.around[left][-depth:, depth:-depth], one.tiles[right][:depth])
+            np.testing.assert_array_equal(one.around(left)[-depth:, depth:-depth], one.tiles[right][:depth])
     assert meetings == (64 if count == 16 else meetings) and meetings > 48
 
 
@@ -112,12 +112,12 @@ def test_large_tiles_are_refined_from_a_coarse_border():
     """Where the border of 256 px says so, the cut decides on the pixels beside it only."""
     lab = (flat(30, 300), flat(70, 300))
     one = shown(lab, 16, 100, 5, lambda *_: None)
-    assert one.tiles.shape == (16, 300, 300)
+    assert len(one.tiles) == 16 and one.tiles[0].shape == (300, 300)
     points = controls(16)
     for left, right in itertools.product(range(16), repeat=2):
         if (points[left][:, -1] == points[right][:, 0]).all():
             depth = one.depth
-            np.testing.assert_array_equal(one.around[left][depth:-depth, -depth:], one.tiles[right][:, :depth])
+            np.testing.assert_array_equal(one.around(left)[depth:-depth, -depth:], one.tiles[right][:, :depth])
 
 
 def test_every_pixel_is_that_of_one_tile_at_its_place():
@@ -175,6 +175,17 @@ def test_seeds_change_borders():
 def test_what_does_not_fit_is_refused(images, values, message):
     with pytest.raises((ImageError, ParameterError, Exception), match=message):
         filters.transition(*images, **values)
+
+
+def test_edges_at_pixels_are_those_of_the_grid():
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        pixels = random.random(random.integers(1, 9, 2)) < 0.4
+        for step in NEIGHBORS:
+            s, t = edges(pixels.shape, step)
+            beside = pixels.ravel()[s] | pixels.ravel()[t]
+            found = list(zip(*(one.tolist() for one in edges_at(pixels, step)), strict=True))
+            assert sorted(found) == sorted(zip(s[beside].tolist(), t[beside].tolist(), strict=True))
 
 
 def test_a_minimum_cut_between_fixed_pixels():

@@ -72,6 +72,17 @@ def edges(shape: tuple[int, int], step: tuple[int, int]) -> tuple[np.ndarray, np
     return index[: shape[0] - step[0], : shape[1] - step[1]].ravel(), index[step[0] :, step[1] :].ravel()
 
 
+def edges_at(pixels: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Flat indices (s, t) of the edges of a grid in a direction, from or to some pixels, (h, w) bool."""
+    height, width = pixels.shape
+    y, x = (at.astype(np.int64) for at in np.nonzero(pixels))
+    begin = (y + step[0] < height) & (x + step[1] < width)
+    end = (y >= step[0]) & (x >= step[1])
+    end[end] = ~pixels[y[end] - step[0], x[end] - step[1]]  # the others begin at one of the pixels
+    here, apart = y * width + x, step[0] * width + step[1]
+    return np.concatenate([here[begin], here[end] - apart]), np.concatenate([here[begin] + apart, here[end]])
+
+
 def seam_costs(source: SeamPhoto, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Costs of existing seams: to the right (h, w - 1) and below (h - 1, w).
 

@@ -20,7 +20,7 @@ from ...engine.core.attributes import ATLAS, FILTER
 from ...engine.core.demand import SomeRows, resized
 from ...engine.core.parameters import Size
 from ...engine.deferred import np, oiio
-from ..graphcut.seams import NEIGHBORS, GridEdges, chosen, edges, seam_cost
+from ..graphcut.seams import NEIGHBORS, GridEdges, chosen, edges_at, seam_cost
 from ..patchmatch.field import hash_at
 from .atlas import CORNERS
 
@@ -87,19 +87,17 @@ class TransitionTiles:
 
     Attributes
     ----------
-    tiles : (tiles, height, width) bool
+    tiles : list of (height, width) bool
         In the order of `controls`.
-    around : (tiles, height + 2 * depth, width + 2 * depth) bool
-        The same, with the strips that lie across the edges.
+    depth : int
+        Depth of a strip on one side of an edge, px.
+    around : callable
+        A tile with the strips that lie across its edges, by its number: (height + 2 * depth, width + 2 * depth) bool.
     """
 
-    tiles: np.ndarray
-    around: np.ndarray
-
-    @property
-    def depth(self) -> int:
-        """Depth of a strip on one side of an edge, px."""
-        return (self.around.shape[1] - self.tiles.shape[1]) // 2
+    tiles: list[np.ndarray]
+    depth: int
+    around: Callable[[int], np.ndarray]
 
     def weights(self, number: int) -> np.ndarray:
         """The weight of the second material in a tile, (height, width) float32: a ramp across the border.
@@ -108,9 +106,9 @@ class TransitionTiles:
         """
         from scipy import ndimage  # slow to import
 
-        around, depth = self.around[number], self.depth
+        around, depth = self.around(number), self.depth
         if around.all() or not around.any():
-            return np.full(self.tiles.shape[1:], around[0, 0], np.float32)
+            return np.full(self.tiles[number].shape, around[0, 0], np.float32)
         inside, outside = (ndimage.distance_transform_edt(one) for one in (around, ~around))
         signed = np.where(around, inside - 0.5, 0.5 - outside)
         ramp = np.clip(0.5 + signed / (2 * depth), 0, 1).astype(np.float32)
@@ -145,7 +143,7 @@ def shown(
             level.decide(number)
             advance(next(done), len(points) * len(sizes))
         coarser = level
-    return level.shown()
+    return TransitionTiles(level.tiles, level.depth, level.around)
 
 
 class _Level:
@@ -187,19 +185,18 @@ class _Level:
             self._strips[key] = self._strip(axis, line)
         return self._strips[key]
 
-    def shown(self) -> TransitionTiles:
-        """All decided tiles."""
-        tiles, depth = np.stack(self.tiles), self.depth
-        around = np.pad(tiles, ((0, 0), (depth, depth), (depth, depth)), mode="edge")
-        for number, points in enumerate(self.points):
-            for axis, line, here, _ in _edges(points, depth):
-                beyond = [slice(depth, -depth)] * 2
-                at_end = here[axis].start is not None
-                beyond[axis] = slice(-depth, None) if at_end else slice(0, depth)
-                other = slice(depth, None) if at_end else slice(0, depth)
-                across = (other, slice(None)) if axis == 0 else (slice(None), other)
-                around[number][tuple(beyond)] = self.strip(axis, line)[across]
-        return TransitionTiles(tiles, around)
+    def around(self, number: int) -> np.ndarray:
+        """A decided tile with the strips that lie across its edges."""
+        depth = self.depth
+        around = np.pad(self.tiles[number], depth, mode="edge")
+        for axis, line, here, _ in _edges(self.points[number], depth):
+            beyond = [slice(depth, -depth)] * 2
+            at_end = here[axis].start is not None
+            beyond[axis] = slice(-depth, None) if at_end else slice(0, depth)
+            other = slice(depth, None) if at_end else slice(0, depth)
+            across = (other, slice(None)) if axis == 0 else (slice(None), other)
+            around[tuple(beyond)] = self.strip(axis, line)[across]
+        return around
 
     def _strip(self, axis: int, line: tuple[int, ...]) -> np.ndarray:
         depth, corner = self.depth, (-self.depth, 0) if axis == 0 else (0, -self.depth)
@@ -226,12 +223,15 @@ class _Level:
     def _cut(self, free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, corner: tuple[int, int]) -> np.ndarray:
         if not free.any():
             return fixed
-        first, second = (_window(grid, corner, free.shape).reshape(-1, 3).astype(np.int32) for grid in self.grids)
-        costs, flat = [], free.ravel()
+        width, costs = free.shape[1], []
+
+        def colors(grid: np.ndarray, at: np.ndarray) -> np.ndarray:
+            y, x = at // width + corner[0], at % width + corner[1]
+            return grid[y % grid.shape[0], x % grid.shape[1]].astype(np.int32)
+
         for step in NEIGHBORS:
-            s, t = edges(free.shape, step)
-            s, t = (one[flat[s] | flat[t]] for one in (s, t))
-            cost = seam_cost(first[s], first[t], second[s], second[t])
+            s, t = edges_at(free, step)
+            cost = seam_cost(*(colors(grid, at) for grid in self.grids for at in (s, t)))
             costs.append(GridEdges(s, t, cost, cost))
         return chosen(free, fixed, lean, costs)
 
