@@ -189,13 +189,17 @@ def _atlas(pair: tuple[Image, Image], sheet: np.ndarray, count: int) -> Part:
     first = pair[0].first.pixels()
     second = pair[1].first.pixels().astype(first.dtype)
     height, width = first.shape[:2]
+    tile = Window.sized(0, 0, width, height)
     columns, rows = LAYOUT[count]
     spec = tiled_spec(derived_spec(pair[0].first.spec, *sheet.shape[::-1]), "xy" if columns == rows else "none")
     spec.attribute(ATLAS, f"{columns}x{rows}")
 
     def fetch(window: Window) -> np.ndarray:
-        y, x = np.arange(window.top, window.bottom) % height, np.arange(window.left, window.right) % width
-        other = sheet[window.top : window.bottom, window.left : window.right, None]
-        return np.where(other, second[y][:, x], first[y][:, x])
+        out = np.empty((window.height, window.width, first.shape[2]), first.dtype)
+        for piece in window.cells(width, height, (0, 0)):
+            place = piece.shifted(-(piece.left // width) * width, -(piece.top // height) * height).inside(tile)
+            other = sheet[piece.top : piece.bottom, piece.left : piece.right, None]
+            out[piece.inside(window)] = np.where(other, second[place], first[place])
+        return out
 
     return replace(pair[0].first, spec=spec, fetch=fetch, levels=(), ready=True)
