@@ -37,7 +37,7 @@ def integrate(slopes: SomeRows, heights: np.ndarray | RowStore) -> None:
     _center(slopes, heights)
 
 
-def _bands(shape: tuple[int, ...]) -> Iterator[slice]:
+def row_slices(shape: tuple[int, ...]) -> Iterator[slice]:
     """Slices of rows of a few megabytes as float64."""
     step = max(1, BAND_BYTES // (8 * shape[1]))
     return (slice(top, min(top + step, shape[0])) for top in range(0, shape[0], step))
@@ -46,7 +46,7 @@ def _bands(shape: tuple[int, ...]) -> Iterator[slice]:
 def _means(slopes: SomeRows) -> tuple[np.ndarray, bool]:
     """The mean slope outside of gaps, (2,) float64, and whether there are gaps."""
     total, count = np.zeros(2), 0
-    for rows in _bands(slopes.shape):
+    for rows in row_slices(slopes.shape):
         band = slopes[rows].astype(np.float64)
         seen = np.isfinite(band[..., 0])
         total += np.where(seen[..., None], band, 0).sum((0, 1))
@@ -60,7 +60,7 @@ def _transform_rows(slopes: SomeRows, lean: np.ndarray, heights: np.ndarray | Ro
 
     high, wide = slopes.shape[:2]
     rise_before, row_before = np.zeros((1, wide)), np.zeros((0, wide))  # of the band above, which is overwritten
-    for rows in _bands(slopes.shape):
+    for rows in row_slices(slopes.shape):
         count, first, after = rows.stop - rows.start, len(row_before), min(rows.stop + 1, high)
         band = slopes[rows.start - first : after].astype(np.float64) - lean
         own = heights[rows.start : after].astype(np.float64) if filled else np.zeros((after - rows.start, wide))
@@ -97,18 +97,18 @@ def _solve_columns(heights: np.ndarray | RowStore) -> None:
 def _restore_rows(heights: np.ndarray | RowStore) -> None:
     from scipy.fft import idct
 
-    for rows in _bands(heights.shape):
+    for rows in row_slices(heights.shape):
         heights[rows] = idct(heights[rows].astype(np.float64), axis=1, norm="ortho").astype(np.float32)
 
 
 def _center(slopes: SomeRows, heights: np.ndarray | RowStore) -> None:
     """Subtract the mean of heights outside of gaps."""
     total, count = 0.0, 0
-    for rows in _bands(heights.shape):
+    for rows in row_slices(heights.shape):
         seen = np.isfinite(slopes[rows][..., 0])
         total += float(np.where(seen, heights[rows], 0).sum(dtype=np.float64))
         count += int(seen.sum())
-    for rows in _bands(heights.shape):
+    for rows in row_slices(heights.shape):
         heights[rows] = heights[rows] - np.float32(total / max(count, 1))
 
 

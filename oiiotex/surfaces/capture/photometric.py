@@ -22,8 +22,8 @@ STEEPEST = 8.0  # slopes are clipped to this: 83 degrees
 _LOOSE, _STRICT = 0.5, 0.03  # residuals, relative to the brightest matte observation, that count a quarter
 _ROUNDS = 12
 _HIGHLIGHT = 0.5  # times the tolerance of observations that are too dark: highlights are frequent, and never dark
+_BRIGHTEST = 0.1  # first weight of the brightest of few photos
 _FLAT = 1e-3  # weight of a surface that faces the camera, relative to the light: decides where nothing is seen
-_CLIPPED = 0.995  # of the largest value of an integer type: such pixels are brighter than they say
 
 
 @dataclass(frozen=True)
@@ -88,23 +88,17 @@ def slopes_of(normals: np.ndarray) -> np.ndarray:
     return np.clip(np.stack([-normals[0] / up, normals[1] / up]), np.float32(-STEEPEST), np.float32(STEEPEST))
 
 
-def unclipped(rows: np.ndarray) -> np.ndarray | None:
-    """Where no channel of integer pixels (height, width, channels) is clipped; None: everywhere, as in floats."""
-    if rows.dtype.kind not in "ui":
-        return None
-    return (rows < _CLIPPED * np.iinfo(rows.dtype).max).all(-1)
-
-
 def _by_rank(seen: np.ndarray) -> np.ndarray:
-    """First weights: without the darkest quarter and the brightest sixth of six photos or more, (n, pixels)."""
+    """First weights, (n, pixels): the brightest of four photos or more may be a highlight, the darkest a shadow."""
     count = len(seen)
     ranks = np.zeros(seen.shape, np.float32)
     for one in range(count):
         for other in range(count):
             if one != other:
                 ranks[one] += (seen[other] < seen[one]) | ((seen[other] == seen[one]) & (other < one))
-    low, high = (count // 4, count - 1 - (count + 2) // 6) if count > 5 else (0, count - 1)
-    return ((ranks >= low) & (ranks <= high)).astype(np.float32)
+    few = count < 6
+    low, high = (0, count - (count > 3)) if few else (count // 4, count - (count + 2) // 6)
+    return np.where((ranks >= low) & (ranks < high), np.float32(1), np.float32(_BRIGHTEST if few else 0))
 
 
 def _shading(surface: np.ndarray, toward: np.ndarray) -> np.ndarray:
