@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -28,6 +30,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
+    found |= {"lights": Numbers((0, 1, 1, -1, -0.5, 1, 1, -0.5, 1))} if op.name in SEVERAL else {}
     return found | {name: value for name, value in more.items() if name in names}
 
 
@@ -68,6 +71,8 @@ def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
     """Images for all of an op's inputs, the photo first; a label map for what takes one."""
+    if op.name in SEVERAL:
+        return [photo] * SEVERAL[op.name]
     if is_view(op):
         return [ids(np.indices((64, 72)).sum(0) // 30 + 1)]
     if op.name in PAINTINGS:
@@ -79,8 +84,15 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
 
 
+def tupled(op: type[Op], images: dict[str, Any]) -> dict[str, Any]:
+    """Images by name, with as many of each as an input of many needs."""
+    count = SEVERAL.get(op.name, 1)
+    return {i.name: (images[i.name],) * count if i.many else images[i.name] for i in op.images()}
+
+
 def apply(op: type[Op], photo: oiio.ImageBuf, session: Session | None = None, **values: object) -> oiio.ImageBuf:
     made = getattr(filters, op.name)(*operands(op, photo), session=session, **settings(op, **values))
+    made = made[0] if isinstance(made, list) else made
     return next(iter(made.values())) if isinstance(made, dict) else made
 
 
@@ -107,6 +119,7 @@ RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PLATES = ("project",)  # and a plate with the same channels
 PAINTINGS = ("paint",)  # and a painting of labels
+SEVERAL = {"capture": 3}  # photos of one surface: the same one, under lights that are equally high
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
 PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets

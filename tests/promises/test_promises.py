@@ -40,6 +40,7 @@ from tests.any_filter import (
     pixels,
     quarters,
     settings,
+    tupled,
 )
 from tests.conftest import load, oiiotex
 from tests.refusals import refused
@@ -114,7 +115,7 @@ def test_any_window_is_the_whole_cropped(op, tmp_path):
         assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
         second = from_buffer(operands(op, buffer(PHOTO))[-1])
         images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
-        images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
+        images = tupled(op, images)
         given = settings(op)
         if op.name in LABELED:
             given["labels"] = from_buffer(given["labels"])
@@ -307,8 +308,7 @@ def watched(photo: np.ndarray, asked: list[Window], space: str = "srgb_rec709_sc
 def made_of(op: type[Op], photo: Image) -> Part:
     """The op's image, of the photo and what else it takes."""
     others = map(from_buffer, operands(op, buffer(PHOTO))[1:])
-    images = dict(zip((i.name for i in op.images()), (photo, *others), strict=True))
-    images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
+    images = tupled(op, dict(zip((i.name for i in op.images()), (photo, *others), strict=False)))
     return run(op(**settings(op), **images), Session(threads=2))[0].image.first
 
 
