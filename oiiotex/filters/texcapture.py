@@ -110,17 +110,16 @@ class Capture(InBands):
 
     def plan(self, facts: Facts) -> Plan:
         """The maps without pixels; lights and box of the ball, if they are given."""
-        from ..surfaces.capture.captured import BYTES, CELL_BYTES, cells_of
+        from ..surfaces.capture.captured import bytes_for
         from ..surfaces.capture.lights import ball_box, read_lights
 
         first, count = self.photos[0].first, len(self.photos)
         self._require_photos(facts)
-        rows, columns = cells_of(first.window.size)
-        need = BYTES * count * first.spec.width + CELL_BYTES * rows * columns * self.roughness
+        need = bytes_for(self.photos, self.roughness, facts.thread_count)
         facts.require(need, f"the maps of {count} photos of {first.spec.width}x{first.spec.height}")
-        box = None if self.ball is None else ball_box(self.ball, first.window)
         if self.lights is not None and self.ball is not None:
             raise ParameterError("conflicts with lights", parameter="ball", value=self.ball)
+        box = None if self.ball is None else ball_box(self.ball, first.window)
         if self.span is not None and self.lights is None:
             raise ParameterError("requires lights", parameter="span", value=self.span)
         known = None if self.lights is None else read_lights(self.lights, [photo.source for photo in self.photos])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from ...engine.color.lens import Lens
 from ...engine.core.demand import BAND_BYTES, rows_for
-from ...engine.core.image import Image, dtype_of
+from ...engine.core.image import Image, Part, dtype_of
 from ...engine.core.scratch import RowStore, empty_rows
 from ...engine.core.window import Window
 from ...engine.deferred import np
@@ -26,8 +26,8 @@ from .lobes import CELL, SUMS, between_cells, in_cells, lobe_sums, roughness_of
 from .photometric import albedo_of, fitted, slopes_of
 from .photos import Piece, nonlinear, piece_of
 
-BYTES = 4096  # peak per column and photo: bands of rows, and what threads hold
 CELL_BYTES = 3 * 4 * SUMS  # of a cell: sums, and those of its neighborhood
+_FIT_BYTES = 72  # peak per pixel and photo that a thread fits
 _PIECE = 1 << 14  # pixels of all photos that a thread fits at once
 _SHADOW = 0.5  # weight below which an observation that is darker than the matte surface is a shadow
 
@@ -96,6 +96,20 @@ def cells_of(size: tuple[int, int]) -> tuple[int, int]:
     return math.ceil(height / CELL), math.ceil(width / CELL)
 
 
+def bytes_for(photos: Sequence[Image], rough: bool, threads: int) -> int:
+    """Peak memory of `captured`, without what it stores in files."""
+    part, count = photos[0].first, len(photos)
+    rows, columns = cells_of(part.window.size)
+    band = _band_rows(part, count) * part.spec.width * part.pixel_bytes * (count + 2)
+    fits = threads * count * _FIT_BYTES * min(_PIECE, part.spec.width * part.spec.height)
+    return band + fits + rough * CELL_BYTES * rows * columns
+
+
+def _band_rows(part: Part, count: int) -> int:
+    """Rows of a band of all photos."""
+    return min(rows_for(part, 4 * BAND_BYTES // count, CELL), math.ceil(part.spec.height / CELL) * CELL)
+
+
 def captured(
     photos: Sequence[Image],
     lenses: Sequence[Lens],
@@ -133,16 +147,21 @@ def captured(
     def look(given: tuple[Window, list[np.ndarray]]) -> _Fitted:
         return _fit(given[1], given[0], lenses, lights, hidden, strength, rough)
 
-    for band in whole.cells(whole.width, rows_for(first, 4 * BAND_BYTES // len(photos), CELL)):
+    for band in whole.cells(whole.width, _band_rows(first, len(photos))):
         rows = [photo.first.read(band) for photo in photos]
-        pieces = list(band.cells(band.width, max(1, _PIECE // band.width // CELL) * CELL, (whole.left, whole.top)))
+        pieces = list(band.cells(_PIECE // CELL, CELL, (whole.left, whole.top)))
         given = [(piece, [one[piece.inside(band)] for one in rows]) for piece in pieces]
+        painted = np.empty_like(rows[0])
+        sloped = np.empty((*painted.shape[:2], 2), np.float32)
         for piece, found in zip(pieces, resources.spread(look, given), strict=True):
-            at = piece.inside(whole)[0]
-            albedo[at], slopes[at] = found.albedo, found.slopes
+            at = piece.inside(band)
+            painted[at], sloped[at] = found.albedo, found.slopes
             clipped += found.clipped
             if sums is not None and found.lobes is not None:
-                sums[:, at.start // CELL : at.start // CELL + found.lobes.shape[1]] = found.lobes
+                top, left = (place.start // CELL for place in piece.inside(whole))
+                high, wide = found.lobes.shape[1:]
+                sums[:, top : top + high, left : left + wide] = found.lobes
+        albedo[band.inside(whole)[0]], slopes[band.inside(whole)[0]] = painted, sloped
         fitting.advance(band.bottom - whole.top, whole.height)
     integrate(slopes, heights)
     roughness = None if sums is None else roughness_of(sums)

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 
 from ...engine.deferred import np
 
-FEWEST, MOST = 3, 16  # photos
 STEEPEST = 8.0  # slopes are clipped to this: 83 degrees
 _LOOSE, _STRICT = 0.5, 0.03  # residuals, relative to the brightest matte observation, that count a quarter
-_ROUNDS = 12
+_ROUNDS = 8
 _HIGHLIGHT = 0.5  # times the tolerance of observations that are too dark: highlights are frequent, and never dark
 _BRIGHTEST = 0.1  # first weight of the brightest of few photos
-_FLAT = 1e-3  # weight of a surface that faces the camera, relative to the light: decides where nothing is seen
+_FLAT = 1e-4  # weight of a surface that faces the camera, relative to the light: decides where nothing is seen
 
 
 @dataclass(frozen=True)
