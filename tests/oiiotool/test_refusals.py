@@ -17,7 +17,7 @@ from oiiotex.engine.core.op import Op
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
-from tests.any_filter import is_view, of, settings
+from tests.any_filter import is_view, of, settings, tupled
 
 FIGURE = re.compile(r"needs \d+ MB.* the budget is \d+ MB")
 SIDE = 30_000
@@ -66,7 +66,7 @@ class Reads:
         coordinates = Image((self.part("st", side, 2, oiio.FLOAT, "data"),), "st")
         second = {"warp": coordinates, "project": photo}.get(op.name, label)
         images = [label if is_view(op) else photo, second]
-        given = {slot.name: (image,) if slot.many else image for slot, image in zip(op.images(), images, strict=False)}
+        given = tupled(op, {slot.name: image for slot, image in zip(op.images(), images, strict=False)})
         values = settings(op, **more)
         return op(**given, **values | ({"labels": label} if "labels" in values else {}))
 
