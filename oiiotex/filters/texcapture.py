@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from ..surfaces.capture.lights import Lights
     from ..surfaces.capture.photos import Reduced
 
-FEWEST, MOST = 3, 16  # photos
-_ROUGH, _UNKNOWN = 6, 6  # least number of photos for roughness, and if nothing is said of the lights
+_UNKNOWN = 6  # least number of photos if nothing is said of the lights
 _AGREED = 0.35  # share of the photos that the surface under found lights must explain: .5 to .8, .15 to .3 if wrong
 _OVEREXPOSED = 0.05  # share of clipped pixels that is warned of
 
@@ -40,7 +39,7 @@ class Capture(InBands):
     color,normal,height` takes them as one material.
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
-    left out by reweighting. Exposure and power of the lights may differ from photo to photo: they are those for which
+    left out by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the lights may differ from photo to photo: they are those for which
     the surface faces the camera on average. Heights are the surface closest to the normals (Simchony and others 1990).
 
     Directions of the lights come from a file, from a ball in the photos, or from the photos themselves. Photos alone do
@@ -169,10 +168,13 @@ class Capture(InBands):
 
     def _require_photos(self, facts: Facts) -> None:
         """Refuse photos that are not several of one size and kind."""
+        from ..surfaces.capture import lobes
+        from ..surfaces.capture.photometric import FEWEST, MOST
+
         count, first = len(self.photos), self.photos[0]
         if not FEWEST <= count <= MOST:
             raise ImageError(f"{count} photo{'s' * (count != 1)}: expected {FEWEST} to {MOST} of one surface")
-        if self.roughness and count < _ROUGH:
+        if self.roughness and count < lobes.FEWEST:
             raise ParameterError("requires six photos", parameter="roughness", value=True)
         spaces = [color_to_convert(photo, facts, self.working_space) is None for photo in self.photos]
         for photo, is_data in zip(self.photos, spaces, strict=True):

@@ -233,7 +233,7 @@ def test_roughness_that_varies_is_seen_where_it_is():
     roughness = np.where(np.indices((SIDE, SIDE))[1] < SIDE // 2, 0.2, 0.4)
     made = captured(shots(RING, roughness=roughness, mirrored=0.04), lights=RING.ravel(), roughness=True)[3]
     assert np.abs(made - roughness)[:, 16:-16].mean() < 0.06
-    assert captured(shots(RING), lights=RING.ravel(), roughness=True)[3] == pytest.approx(0.8)
+    assert captured(shots(RING, roughness=0.8, mirrored=0.04), lights=RING.ravel(), roughness=True)[3].mean() > 0.7
 
 
 # --- refusals ---

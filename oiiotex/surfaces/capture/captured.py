@@ -2,7 +2,7 @@
 """The maps of a surface from several photos, in one pass over bands of all of them.
 
 What is found is stored as rows, in files beyond a quarter of the memory budget, so that memory does not grow with the
-photos. Only sums of highlights are held, 100 bytes for a cell of 64 pixels.
+photos. Only misfits of highlights are held, 32 bytes for a cell of 64 pixels.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from .integration import integrate, row_slices
 from .lights import Lights
-from .lobes import CELL, SUMS, between_cells, in_cells, lobe_sums, roughness_of
-from .photometric import albedo_of, fitted, slopes_of
+from .lobes import CELL, WIDTHS, between_cells, highlights, in_cells, lobe_misfits, roughness_of
+from .photometric import FEWEST, Solver, albedo_of, fit_of, fitted, slopes_of
 from .photos import Piece, nonlinear, piece_of
 
-CELL_BYTES = 3 * 4 * SUMS  # of a cell: sums, and those of its neighborhood
-_FIT_BYTES = 72  # peak per pixel and photo that a thread fits
+_CELL_BYTES = 3 * 4 * WIDTHS  # of a cell: its misfits, and those of its neighborhood
+_FIT_BYTES = 96  # peak per pixel and photo that a thread fits
 _PIECE = 1 << 14  # pixels of all photos that a thread fits at once
 _SHADOW = 0.5  # weight below which an observation that is darker than the matte surface is a shadow
 
@@ -86,7 +86,7 @@ def _range(heights: np.ndarray | RowStore) -> tuple[float, float]:
 class _Fitted:
     albedo: np.ndarray  # (height, width, channels)
     slopes: np.ndarray  # (height, width, 2)
-    lobes: np.ndarray | None  # (SUMS, rows, columns) of cells
+    lobes: np.ndarray | None  # (WIDTHS, rows, columns) of cells
     clipped: np.ndarray  # (n,) numbers of pixels
 
 
@@ -102,7 +102,7 @@ def bytes_for(photos: Sequence[Image], rough: bool, threads: int) -> int:
     rows, columns = cells_of(part.window.size)
     band = _band_rows(part, count) * part.spec.width * part.pixel_bytes * (count + 2)
     fits = threads * count * _FIT_BYTES * min(_PIECE, part.spec.width * part.spec.height)
-    return band + fits + rough * CELL_BYTES * rows * columns
+    return band + fits + rough * _CELL_BYTES * rows * columns
 
 
 def _band_rows(part: Part, count: int) -> int:
@@ -141,11 +141,11 @@ def captured(
     size = whole.height, whole.width
     albedo = empty_rows((*size, first.spec.nchannels), dtype_of(first.spec), small)
     slopes, heights = empty_rows((*size, 2), np.float32, small), empty_rows(size, np.float32, small)
-    sums = np.zeros((SUMS, *cells_of(whole.size)), np.float32) if rough else None
+    sums = np.zeros((WIDTHS, *cells_of(whole.size)), np.float32) if rough else None
     clipped = np.zeros(len(photos), np.int64)
 
     def look(given: tuple[Window, list[np.ndarray]]) -> _Fitted:
-        return _fit(given[1], given[0], lenses, lights, hidden, strength, rough)
+        return _fit(given[1], given[0], lenses, lights, hidden, strength)
 
     for band in whole.cells(whole.width, _band_rows(first, len(photos))):
         rows = [photo.first.read(band) for photo in photos]
@@ -176,26 +176,25 @@ def _fit(
     lights: Lights,
     hidden: Window | None,
     strength: float,
-    rough: bool,
 ) -> _Fitted:
     """The surface in a piece of the photos."""
     seen = piece_of(rows, lenses)
     y, x = np.indices(seen.opaque.shape) + 0.5
     toward, power = lights.at((x + piece.left).ravel(), (y + piece.top).ravel())
     luminance, color = seen.luminance / power, seen.color / power[:, None]
-    fit = fitted(luminance, toward, seen.valid)
+    fit, lobes = fitted(luminance, toward, seen.valid), None
+    if len(rows) > FEWEST:  # three photos are explained by a matte surface, whatever they show
+        over = luminance - np.maximum((toward * fit.normals).sum(1), 0) * fit.albedo
+        lit = ((over >= 0) | (fit.weights >= _SHADOW)) & seen.valid & seen.opaque.ravel()
+        lobes = in_cells(lobe_misfits(over, lit, fit, toward).reshape(WIDTHS, *seen.opaque.shape))
+        bright = highlights(lobes, seen.opaque.shape, fit, toward)
+        fit = fit_of(Solver(toward, fit.weights).surface(luminance - bright), fit.weights)
+        color = color - bright[:, None]
     albedo = np.stack([albedo_of(color[:, n], fit.normals, toward, fit.weights) for n in range(3)], -1)
     slopes = slopes_of(fit.normals).T.reshape(*seen.opaque.shape, 2) * np.float32(strength)
     slopes[~seen.opaque] = np.nan
     if hidden is not None and not (hidden & piece).empty:
         slopes[(hidden & piece).inside(piece)] = np.nan
-    lobes = None
-    if rough:
-        matte = np.maximum((toward * fit.normals).sum(1), 0) * fit.albedo
-        over = luminance - matte
-        shadow = ((over < 0) & (fit.weights < _SHADOW)) | ~seen.valid | ~seen.opaque.ravel()
-        over, matte = (np.where(shadow, np.float32(0), each) for each in (over, matte))
-        lobes = in_cells(lobe_sums(over, fit.normals, toward, matte).reshape(SUMS, *seen.opaque.shape))
     return _Fitted(_painted(rows[0], seen, albedo, lenses[0]), slopes, lobes, (~seen.valid).sum(1))
 
 

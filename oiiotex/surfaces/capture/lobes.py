@@ -1,81 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Roughness from the width of highlights: what several photos show beyond the matte surface.
+"""Highlights: what several photos show beyond the matte surface, and the roughness that their width tells.
 
 A lobe of Trowbridge and Reitz (GGX) with Smith's shadowing (Walter, Marschner, Li and Torrance, Microfacet models for
-refraction through rough surfaces, EGSR 2007) is fitted to the light that the matte surface leaves, for each of several
-widths. Six lights sample a lobe too sparsely for one pixel, so that the pixels of a cell and its neighbors decide
-together.
+refraction through rough surfaces, EGSR 2007) of a surface that mirrors 4 %, as nearly all do but metals, is compared
+with what the matte surface leaves of the photos, for each of several widths. Few lights sample a lobe too sparsely for
+one pixel, so that the pixels of a cell decide together.
 """
 
 from __future__ import annotations
 
 from ...engine.deferred import np
+from .photometric import Fit, Solver
 
-FEWEST = 6  # photos
+FEWEST = 6  # photos that tell roughness
 CELL = 8  # px
-COUNT = 12  # widths
-SUMS = 2 * COUNT + 1  # of a cell
-_NARROWEST, _WIDEST = 0.1, 1.0  # roughness, the root of GGX's alpha
-_REACH = 1.0  # cells: sigma of the neighborhood that decides together
-_FAINT = 1e-3  # energy of a lobe, relative to the matte surface, below which none is seen
-_UNSEEN = 0.8  # roughness where none is seen: the middle of those whose lobes look like a matte surface
+WIDTHS = 8
+_NARROWEST, _WIDEST = 0.15, 0.95  # roughness, the root of GGX's alpha
+_MIRRORED = 0.04  # share of the light
+_TAKEN = 0.5  # share of the lobes that is subtracted: exposures are unknown, and too much costs more than too little
+_PLACED = 0.4  # roughness below which few photos show too little of a lobe to place it: reweighting leaves it out
+_REACH = 1.0  # cells: sigma of the neighborhood that decides on roughness together
 
 
-def lobe_sums(excess: np.ndarray, normals: np.ndarray, toward: np.ndarray, matte: np.ndarray) -> np.ndarray:
-    """What cells need to know of their pixels: (SUMS, pixels) float32.
+def lobe_misfits(over: np.ndarray, lit: np.ndarray, fit: Fit, toward: np.ndarray) -> np.ndarray:
+    """Squared error with a lobe of each width, less that without one, (WIDTHS, pixels) float32.
+
+    The matte fit takes up a part of every lobe, all the more of a wide one. What it leaves of a lobe is compared with
+    what it leaves of the photos, which is the error of a fit of both (Frisch and Waugh, Partial time regressions as
+    compared with individual trends, Econometrica 1(4), 1933).
 
     Parameters
     ----------
-    excess : (n, pixels) float32
-        Light beyond the matte surface; 0 where there is a shadow.
-    normals : (3, pixels) float32
+    over : (n, pixels) float32
+        Light beyond the matte surface.
+    lit : (n, pixels) bool
+        Where it is neither in shadow nor clipped.
+    fit : Fit
     toward : (n, 3, pixels or 1) float32
         Directions of the lights.
-    matte : (n, pixels) float32
-        Light of the matte surface.
     """
-    sums = np.zeros((SUMS, excess.shape[1]), np.float32)
-    for light, over, dull in zip(toward, excess, matte, strict=True):
-        half = light + np.array([[0], [0], [1]], np.float32)
-        half = half / np.sqrt((half * half).sum(0))
-        cosines = [np.maximum((normals * each).sum(0), 0) for each in (half, light)]
-        for n, roughness in enumerate(_widths()):
-            lobe = np.where(dull > 0, _lobe(*cosines, normals[2], np.float32(roughness**2)), 0)
-            sums[2 * n] += over * lobe
-            sums[2 * n + 1] += lobe * lobe
-        sums[-1] += dull * dull
-    return sums
+    misfits, solver = np.zeros((WIDTHS, over.shape[1]), np.float32), Solver(toward, fit.weights)
+    for misfit, roughness in zip(misfits, _widths(), strict=True):
+        lobes = _lobes(fit.normals, toward, roughness * roughness)
+        taken = solver.surface(lobes)
+        for light, lobe, excess, seen in zip(toward, lobes, over, lit, strict=True):
+            left = lobe - (light * taken).sum(0)
+            misfit += np.where(seen, left * (left - 2 * excess), np.float32(0))
+    return misfits
 
 
-def roughness_of(sums: np.ndarray) -> np.ndarray:
-    """Roughness of cells (rows, columns), `_UNSEEN` without a highlight, from their sums (SUMS, rows, columns); float32."""
-    from scipy.ndimage import gaussian_filter
+def highlights(cells: np.ndarray, shape: tuple[int, int], fit: Fit, toward: np.ndarray) -> np.ndarray:
+    """The highlights to subtract from a piece of (height, width), (n, pixels) float32, by its cells' misfits."""
+    best = cells.argmin(0)
+    found = (cells.min(0) < 0) & ((len(toward) >= FEWEST) | (_widths()[best] > _PLACED))
+    strength = np.where(found, np.float32(_TAKEN), np.float32(0))
 
-    near = gaussian_filter(sums, (0, _REACH, _REACH), mode="nearest")
-    explained = np.maximum(near[0:-1:2], 0) ** 2 / np.maximum(near[1:-1:2], 1e-20)
-    best = explained.argmax(0)
-    inner = np.clip(best, 1, COUNT - 2)
-    low, middle, high = (np.take_along_axis(explained, (inner + n)[None], 0)[0] for n in (-1, 0, 1))
-    bend = np.maximum(2 * middle - low - high, 1e-20)
-    place = np.where(best == inner, inner + np.clip((high - low) / (2 * bend), -0.5, 0.5), best)
-    found = _NARROWEST * (_WIDEST / _NARROWEST) ** (place / (COUNT - 1))
-    seen = explained.max(0) > _FAINT * near[-1]
-    return np.where(seen, found, _UNSEEN).astype(np.float32)
+    def at_pixels(values: np.ndarray) -> np.ndarray:
+        return values.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]].ravel()
+
+    return at_pixels(strength) * _lobes(fit.normals, toward, at_pixels(_widths()[best] ** 2))
 
 
-def _widths() -> np.ndarray:
-    return np.geomspace(_NARROWEST, _WIDEST, COUNT)
+def roughness_of(cells: np.ndarray) -> np.ndarray:
+    """Roughness of cells, (rows, columns) float32, from their misfits (WIDTHS, rows, columns)."""
+    from scipy.ndimage import gaussian_filter  # slow to import
 
-
-def _lobe(to_half: np.ndarray, to_light: np.ndarray, to_eye: np.ndarray, alpha: np.float32) -> np.ndarray:
-    """GGX times the light that falls on the surface, without its constants."""
-    square = alpha * alpha
-    below = to_half * to_half * (square - 1) + 1
-
-    def masked(cosine: np.ndarray) -> np.ndarray:
-        return 2 / (cosine + np.sqrt(square + (1 - square) * cosine * cosine))
-
-    return square / (below * below) * masked(to_light) * to_light * masked(to_eye)
+    near = gaussian_filter(cells, (0, _REACH, _REACH), mode="nearest")
+    best = near.argmin(0)
+    inner = np.clip(best, 1, WIDTHS - 2)
+    low, middle, high = (np.take_along_axis(near, (inner + n)[None], 0)[0] for n in (-1, 0, 1))
+    bend = np.maximum(low + high - 2 * middle, 1e-20)
+    place = np.where(best == inner, inner + np.clip((low - high) / (2 * bend), -0.5, 0.5), best)
+    found = _NARROWEST * (_WIDEST / _NARROWEST) ** (place / (WIDTHS - 1))
+    return np.where(near.min(0) < 0, found, _WIDEST).astype(np.float32)
 
 
 def in_cells(values: np.ndarray) -> np.ndarray:
@@ -95,3 +92,25 @@ def between_cells(cells: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> n
         after = np.minimum(first + 1, cells.shape[axis] - 1)
         values = np.take(values, first, axis) * (1 - share) + np.take(values, after, axis) * share
     return values
+
+
+def _widths() -> np.ndarray:
+    return np.geomspace(_NARROWEST, _WIDEST, WIDTHS).astype(np.float32)
+
+
+def _lobes(normals: np.ndarray, toward: np.ndarray, alpha: np.ndarray | np.float32) -> np.ndarray:
+    """Highlights under each light, relative to white that faces it, (n, pixels) float32."""
+    square = alpha * alpha
+    to_eye, found = normals[2], []
+
+    def masked(cosine: np.ndarray) -> np.ndarray:
+        return 2 / (cosine + np.sqrt(square + (1 - square) * cosine * cosine))
+
+    for light in toward:
+        half = light + np.array([[0], [0], [1]], np.float32)
+        half = half / np.sqrt((half * half).sum(0))
+        to_half, to_light = (np.maximum((normals * each).sum(0), 0) for each in (half, light))
+        below = to_half * to_half * (square - 1) + 1
+        spread = np.float32(_MIRRORED / 4) * square / (below * below)
+        found.append(spread * masked(to_light) * to_light * masked(to_eye))
+    return np.stack(found)

@@ -12,11 +12,13 @@ Vectors: x right, y up, z towards the camera, as in OpenGL normal maps.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...engine.deferred import np
 
+FEWEST, MOST = 3, 16  # photos
 STEEPEST = 8.0  # slopes are clipped to this: 83 degrees
 _LOOSE, _STRICT = 0.5, 0.03  # residuals, relative to the brightest matte observation, that count a quarter
 _ROUNDS = 8
@@ -52,7 +54,7 @@ def fitted(seen: np.ndarray, toward: np.ndarray, valid: np.ndarray) -> Fit:
     toward = toward[..., None] if toward.ndim == 2 else toward
     trust = np.where(valid, np.float32(1), np.float32(1e-3))
     weights = _by_rank(seen) * trust
-    surface = _solved(seen, toward, weights)
+    surface = Solver(toward, weights).surface(seen)
     for tolerance in np.geomspace(_LOOSE, _STRICT, _ROUNDS).astype(np.float32):
         matte = np.maximum(_shading(surface, toward), 0)
         scale = np.float32(tolerance) * np.maximum(matte.max(0), np.float32(1e-6))
@@ -61,10 +63,14 @@ def fitted(seen: np.ndarray, toward: np.ndarray, valid: np.ndarray) -> Fit:
         weights = 1 / (1 + away * away)
         weights *= weights * trust
         weights = np.where(_shading(surface, toward) > 0, weights, np.float32(0))
-        surface = _solved(seen, toward, weights)
+        surface = Solver(toward, weights).surface(seen)
+    return fit_of(surface, weights)
+
+
+def fit_of(surface: np.ndarray, weights: np.ndarray) -> Fit:
+    """The fit with this albedo times normal, (3, pixels) float32."""
     albedo = np.sqrt(surface[0] * surface[0] + surface[1] * surface[1] + surface[2] * surface[2])
-    normals = surface / np.maximum(albedo, np.float32(1e-12))
-    return Fit(_facing(normals), albedo, weights)
+    return Fit(_facing(surface / np.maximum(albedo, np.float32(1e-12))), albedo, weights)
 
 
 def albedo_of(color: Sequence[np.ndarray], normals: np.ndarray, toward: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -105,33 +111,43 @@ def _shading(surface: np.ndarray, toward: np.ndarray) -> np.ndarray:
     return toward[:, 0] * surface[0] + toward[:, 1] * surface[1] + toward[:, 2] * surface[2]
 
 
-def _solved(seen: np.ndarray, toward: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted least squares for albedo times normal, (3, pixels), by the adjugate of the normal matrix."""
-    a, b = np.zeros((6, seen.shape[1]), np.float64), np.zeros((3, seen.shape[1]), np.float64)
-    total = np.zeros(seen.shape[1])
-    for light, weight, value in zip(toward, weights, seen, strict=True):
+def _normal_matrix(toward: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The inverse of the normal matrix of weighted least squares, by its adjugate: xx, xy, xz, yy, yz, zz, (pixels,)."""
+    sums = np.zeros((6, weights.shape[1]), np.float64)
+    for light, weight in zip(toward, weights, strict=True):
         x, y, z = (each.astype(np.float64) for each in light)
-        w = weight.astype(np.float64)
         for n, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
-            a[n] += w * product
-        for n, part in enumerate((x, y, z)):
-            b[n] += w * value * part
-        total += value
-    flat = _FLAT * len(seen)
-    for n in (0, 3, 5):
-        a[n] += flat
-    b[2] += flat * total / len(seen)
-    xx, xy, xz, yy, yz, zz = a
+            sums[n] += weight * product
+    sums[[0, 3, 5]] += _FLAT * len(toward)
+    xx, xy, xz, yy, yz, zz = sums
     c00, c01, c02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     c11, c12, c22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     scale = 1 / np.maximum(xx * c00 + xy * c01 + xz * c02, 1e-12)
-    return np.stack(
-        [
-            (c00 * b[0] + c01 * b[1] + c02 * b[2]) * scale,
-            (c01 * b[0] + c11 * b[1] + c12 * b[2]) * scale,
-            (c02 * b[0] + c12 * b[1] + c22 * b[2]) * scale,
-        ]
-    ).astype(np.float32)
+    return tuple(each * scale for each in (c00, c01, c02, c11, c12, c22))
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Weighted least squares for albedo times normal, of several values under the same lights with the same weights."""
+
+    toward: np.ndarray  # (n, 3, pixels or 1) float32
+    weights: np.ndarray  # (n, pixels) float32
+
+    @functools.cached_property
+    def _inverse(self) -> tuple[np.ndarray, ...]:
+        return _normal_matrix(self.toward, self.weights)
+
+    def surface(self, seen: np.ndarray) -> np.ndarray:
+        """Albedo times normal, (3, pixels) float32, of values (n, pixels)."""
+        x, y, z = np.zeros((3, seen.shape[1]), np.float64)
+        for light, weight, value in zip(self.toward, self.weights, seen, strict=True):
+            weighted = weight * value
+            x += weighted * light[0]
+            y += weighted * light[1]
+            z += weighted * light[2] + _FLAT * value
+        xx, xy, xz, yy, yz, zz = self._inverse
+        sides = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        return np.stack(sides).astype(np.float32)
 
 
 def _facing(normals: np.ndarray) -> np.ndarray:
