@@ -10,9 +10,7 @@ from tests.reference import reliefs
 
 def lights(count: int, elevation: float = 50.0, turn: float = 20.0) -> np.ndarray:
     """Directions around a surface, every second one higher, (count, 3)."""
-    return np.array(
-        [reliefs.light(turn + 360 * n / count, elevation + (12 if n % 2 else 0)) for n in range(count)]
-    )
+    return np.array([reliefs.light(turn + 360 * n / count, elevation + (12 if n % 2 else 0)) for n in range(count)])
 
 
 def shadowed(heights: np.ndarray, toward: np.ndarray) -> np.ndarray:

@@ -137,7 +137,10 @@ def captured(
     """
     fitting, integrating = progress.stages(3, 1)
     first = photos[0].first
-    whole, small = first.window, first.spec.width * first.spec.height * (first.pixel_bytes + 12) <= resources.budget // 4
+    whole, small = (
+        first.window,
+        first.spec.width * first.spec.height * (first.pixel_bytes + 12) <= resources.budget // 4,
+    )
     size = whole.height, whole.width
     albedo = empty_rows((*size, first.spec.nchannels), dtype_of(first.spec), small)
     slopes, heights = empty_rows((*size, 2), np.float32, small), empty_rows(size, np.float32, small)
