@@ -3,9 +3,9 @@
 
 python -m benchmarks.captures.rendered CACHE
 
-A material is a relief with albedo and roughness (Disney's principled BSDF, specular .5) below an orthographic camera, lit
-by one distant light in each of 17 photos: 16 to capture it, of which every second and every fourth make sets of 8 and
-4, and one to judge the result under. Renders take some minutes, and are kept in the folder CACHE. Mitsuba (`pip install
+A material is a relief with albedo and roughness (Disney's principled BSDF, specular .5) below an orthographic camera,
+lit by one distant light in each of 17 photos: 16 to capture it, of which every second and every fourth make sets of 8
+and 4, and one to judge the result under. Renders take some minutes, and are kept in the folder CACHE. Mitsuba (`pip install
 mitsuba`) is not a dependency of the project: install it anywhere, and run this module with that Python.
 """
 
@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.shared.measures import data_folder
 from tests import pictures
-from tests.reference import captures, reliefs
+from tests.reference import reliefs
 
 SIDE, COUNT, SAMPLES = 256, 16, 16  # px; lights; rays for each pixel
 UNUSED = reliefs.light(107, 52)  # light of the photo that is predicted
@@ -49,7 +49,7 @@ class Material:
 
 
 def lights() -> np.ndarray:
-    """Directions of the 16 lights, 48 or 62 degrees high, so that every second and every fourth also differ in height."""
+    """Directions of the 16 lights, 48 or 62 degrees high, as are every second and every fourth of them."""
     return np.array([reliefs.light(90 + 360 * n / COUNT, 48 + 14 * (n.bit_count() & 1)) for n in range(COUNT)])
 
 

@@ -17,7 +17,7 @@ from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import Numbers, image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
-from ..engine.errors import ImageError, ParameterError
+from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 
@@ -39,8 +39,9 @@ class Capture(InBands):
     color,normal,height` takes them as one material.
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
-    left out by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the lights may differ from photo to photo: they are those for which
-    the surface faces the camera on average. Heights are the surface closest to the normals (Simchony and others 1990).
+    left out by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the
+    lights may differ from photo to photo: they are those for which the surface faces the camera on average. Heights are
+    the surface closest to the normals (Simchony and others 1990).
 
     Directions of the lights come from a file, from a ball in the photos, or from the photos themselves. Photos alone do
     not tell how strong the relief is, nor whether it is raised or recessed: the lights are then taken to be 45 degrees
@@ -208,7 +209,7 @@ class Capture(InBands):
         if self._whence == "found" and agreed < _AGREED:
             problem = f"the photos agree with one surface in {100 * agreed:.0f} % of their pixels only"
             raise ImageError(problem, hint="set lights or ball: highlights are too wide to find the lights")
-        for photo, toward, power in zip(self.photos, lights.directions, lights.intensities, strict=True):
+        for photo, toward, power in zip(self.photos, lights.directions, present(lights.intensities), strict=True):
             azimuth, elevation = np.degrees([np.arctan2(toward[1], toward[0]), np.arcsin(toward[2])])
             self.inform("%s: light at %.0f, %.0f degrees high, x %.2f", photo.source, azimuth, elevation, power)
         if self._whence == "found":

@@ -34,7 +34,8 @@ def shadowed(heights: np.ndarray, toward: np.ndarray) -> np.ndarray:
 def highlight(normals: np.ndarray, toward: np.ndarray, roughness: np.ndarray, mirrored: float = 0.04) -> np.ndarray:
     """GGX with Smith's shadowing (Walter and others 2007), seen from above, times pi: 1 is a white matte surface."""
     alpha = np.maximum(roughness, 0.03) ** 2
-    half = (toward + [0, 0, 1]) / np.linalg.norm(toward + [0, 0, 1])
+    half = np.add(toward, [0, 0, 1])
+    half = half / np.linalg.norm(half)
     to_half, to_light, to_eye = np.maximum(0, normals @ half), np.maximum(0, normals @ toward), normals[..., 2]
     spread = alpha**2 / (np.pi * (to_half**2 * (alpha**2 - 1) + 1) ** 2)
     fresnel = mirrored + (1 - mirrored) * (1 - half[2]) ** 5

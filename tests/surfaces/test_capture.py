@@ -82,7 +82,10 @@ def test_a_plane_is_flat_and_its_tilt_is_removed():
 
 @pytest.mark.parametrize(
     ("relief", "count", "roughness", "degrees"),
-    [("hills", 4, 1, 1.5), ("hills", 8, 0.3, 2.5), ("stones", 8, 1, 3), ("stones", 16, 0.3, 3), ("courses", 4, 0.3, 2.5)],
+    [
+        ("hills", 4, 1, 1.5), ("hills", 8, 0.3, 2.5), ("stones", 8, 1, 3), ("stones", 16, 0.3, 3),
+        ("courses", 4, 0.3, 2.5),
+    ],
 )  # fmt: skip
 def test_shadows_and_highlights_are_left_out(relief, count, roughness, degrees):
     heights = {"hills": hills(), "stones": reliefs.stones(SIDE, 1), "courses": reliefs.courses(SIDE)}[relief]

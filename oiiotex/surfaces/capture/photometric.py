@@ -112,7 +112,7 @@ def _shading(surface: np.ndarray, toward: np.ndarray) -> np.ndarray:
 
 
 def _normal_matrix(toward: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The inverse of the normal matrix of weighted least squares, by its adjugate: xx, xy, xz, yy, yz, zz, (pixels,)."""
+    """The inverse of the matrix of weighted least squares, by its adjugate: xx, xy, xz, yy, yz, zz, (pixels,)."""
     sums = np.zeros((6, weights.shape[1]), np.float64)
     for light, weight in zip(toward, weights, strict=True):
         x, y, z = (each.astype(np.float64) for each in light)

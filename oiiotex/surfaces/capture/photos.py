@@ -117,7 +117,8 @@ def _unclipped(pixels: np.ndarray) -> np.ndarray:
     """Where no channel has the largest value of an integer type, (height, width) bool."""
     if pixels.dtype.kind not in "ui":
         return np.ones(pixels.shape[:2], bool)
-    return (pixels < _CLIPPED * np.iinfo(pixels.dtype).max).all(-1)
+    unclipped: np.ndarray = (pixels < _CLIPPED * np.iinfo(pixels.dtype).max).all(-1)
+    return unclipped
 
 
 def luminance_of(image: Image, lens: Lens, window: Window) -> np.ndarray:
@@ -156,8 +157,8 @@ def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resource
         progress.advance(number + 1, len(photos))
     full = sums[:, 1] == sums[:, 1].max()  # without blocks that are cut by a border
     means = np.where(full, sums[:, 0] / np.maximum(sums[:, 1], 1), np.nan).astype(np.float32)
-    y, x = np.indices(means.shape[1:])
-    return Reduced(means, whole.left + side * (x + 0.5), whole.top + side * (y + 0.5))
+    down, right = side * (np.indices(means.shape[1:]) + 0.5)
+    return Reduced(means, np.add(right, whole.left), np.add(down, whole.top))
 
 
 def _block_sums(values: np.ndarray, side: int) -> np.ndarray:

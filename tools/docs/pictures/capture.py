@@ -9,8 +9,8 @@ import OpenImageIO as oiio
 from benchmarks.captures.rendered import materials
 from oiiotex import filters
 from oiiotex.surfaces.capture.homography import homography
-from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, stacked, test_photo, write_jpeg
 from tests.reference import captures
+from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, stacked, test_photo, write_jpeg
 
 SLANTS = {
     "facade_tiles.jpg": ((38, 30), (470, 84), (452, 330), (8, 372)),
