@@ -5,8 +5,8 @@ python -m benchmarks.captures.rendered CACHE
 
 A material is a relief with albedo and roughness (Disney's principled BSDF, specular .5) below an orthographic camera,
 lit by one distant light in each of 17 photos: 16 to capture it, of which every second and every fourth make sets of 8
-and 4, and one to judge the result under. Renders take some minutes, and are kept in the folder CACHE. Mitsuba (`pip install
-mitsuba`) is not a dependency of the project: install it anywhere, and run this module with that Python.
+and 4, and one to judge the result under. Renders take some minutes, and are kept in the folder CACHE. Mitsuba
+(`pip install mitsuba`) is not a dependency of the project.
 """
 
 from __future__ import annotations

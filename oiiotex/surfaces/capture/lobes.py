@@ -18,7 +18,7 @@ WIDTHS = 8
 _NARROWEST, _WIDEST = 0.15, 0.95  # roughness, the root of GGX's alpha
 _MIRRORED = 0.04  # share of the light
 _TAKEN = 0.5  # share of the lobes that is subtracted: exposures are unknown, and too much costs more than too little
-_PLACED = 0.4  # roughness below which few photos show too little of a lobe to place it: reweighting leaves it out
+_PLACED = 0.5  # roughness below which few photos show too little of a lobe to place it: reweighting leaves it out
 _REACH = 1.0  # cells: sigma of the neighborhood that decides on roughness together
 
 
