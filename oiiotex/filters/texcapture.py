@@ -35,8 +35,8 @@ class Capture(InBands):
     """Capture the maps of a material from photos of one surface under several lights.
 
     Takes all images on the stack: photos by a fixed camera that faces the surface, with the light elsewhere in each.
-    The results are an albedo, a normal map and a height map, as images in this order. `--texstationarize:kinds=
-    color,normal,height` takes them as one material.
+    The results are an albedo, a normal map and a height map, as images in this order. `stationarize` takes them as one
+    material: `kinds=color,normal,height`.
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
     left out by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the
@@ -78,7 +78,7 @@ class Capture(InBands):
     )  # fmt: skip
     ball: str | None = param(
         None, example="200x200+40+60",
-        help="Box WIDTHxHEIGHT+X+Y around a ball in the photos, chrome or matte white, that shows the directions of the"
+        help="Box WxH+X+Y around a ball in the photos, chrome or matte white, that shows the directions of the"
         " lights. It becomes a gap of the normals and heights.",
     )  # fmt: skip
     light: float = param(

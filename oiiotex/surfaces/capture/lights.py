@@ -125,11 +125,11 @@ def _lines(path: Path) -> tuple[list[str], list[Sequence[float]]]:
 
 
 def ball_box(text: str, whole: Window) -> Window:
-    """The box of a ball, WIDTHxHEIGHT+X+Y, which must lie in the photo and be nearly square."""
+    """The box of a ball, WxH+X+Y, which must lie in the photo and be nearly square."""
     match = re.fullmatch(r"(\d{1,6})x(\d{1,6})([+-]\d{1,7})([+-]\d{1,7})", text)
     box = match and Window.sized(int(match[3]), int(match[4]), int(match[1]), int(match[2]))
     if not box or box & whole != box or min(box.size) < 16 or max(box.size) > 1.2 * min(box.size):
-        expected = f"WIDTHxHEIGHT+X+Y, the box around a ball, at least 16x16 and inside {whole}"
+        expected = f"WxH+X+Y, the box around a ball, at least 16x16 and inside {whole}"
         raise ParameterError(parameter="ball", value=text, expected=expected)
     return box
 
