@@ -23,9 +23,9 @@ from ..engine.session.facts import Facts
 
 if TYPE_CHECKING:
     from ..surfaces.capture.lights import Lights
-    from ..surfaces.capture.photos import Reduced
+    from ..surfaces.capture.photos import ReducedPhotos
 
-_UNKNOWN = 6  # least number of photos if nothing is said of the lights
+_UNKNOWN = 6  # least number of photos without lights or a ball
 _AGREED = 0.35  # share of the photos that the surface under found lights must explain: .5 to .8, .15 to .3 if wrong
 _OVEREXPOSED = 0.05  # share of clipped pixels that is warned of
 
@@ -39,7 +39,7 @@ class Capture(InBands):
     material: `kinds=color,normal,height`.
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
-    left out by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the
+    excluded by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the
     lights may differ from photo to photo: they are those for which the surface faces the camera on average. Heights are
     the surface closest to the normals (Simchony and others 1990).
 
@@ -124,7 +124,7 @@ class Capture(InBands):
             raise ParameterError("requires lights", parameter="span", value=self.span)
         known = None if self.lights is None else read_lights(self.lights, [photo.source for photo in self.photos])
         if known is None and box is None and count < _UNKNOWN:
-            expected = f"at least {_UNKNOWN} photos if nothing is said of the lights"
+            expected = f"at least {_UNKNOWN} photos without lights or a ball"
             raise ImageError(f"{count} photos: {expected}", hint="set lights or ball")
         return Plan(tuple({name: part} for name, part in self._maps(first.spec).items()), (known, box))
 
@@ -188,7 +188,7 @@ class Capture(InBands):
             if len(channels_of(photo.first.spec).color) != len(channels_of(first.first.spec).color):
                 raise ImageError(f"has other channels than {first.source}", subject=photo.source)
 
-    def _lit(self, known: np.ndarray | None, box: Window | None, small: Reduced, lenses: list[Lens]) -> Lights:
+    def _lit(self, known: np.ndarray | None, box: Window | None, small: ReducedPhotos, lenses: list[Lens]) -> Lights:
         """The lights with their intensities."""
         from ..surfaces.capture.found_lights import found_directions, with_intensities
         from ..surfaces.capture.lights import Lights, on_ball, require_lights

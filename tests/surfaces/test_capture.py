@@ -219,7 +219,7 @@ def test_lights_that_photos_do_not_tell_are_refused():
     rng = np.random.default_rng(1)
     with pytest.raises(errors.ImageError, match="set lights or ball"):
         captured([0.2 + 0.5 * rng.random((48, 48, 3)) for _ in range(6)])
-    with pytest.raises(errors.ImageError, match="at least 6 photos if nothing is said of the lights"):
+    with pytest.raises(errors.ImageError, match="at least 6 photos without lights or a ball"):
         captured(shots(RING)[:5])
 
 

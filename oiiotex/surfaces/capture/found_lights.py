@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights of which nothing is said: their intensities, and their directions as far as photos tell them.
+"""Unknown lights: their intensities, and their directions as far as photos tell them.
 
 Photos of a matte surface have rank three: they are pseudo-normals times lights, up to a linear map (Hayakawa,
 Photometric stereo under a light source with arbitrary motion, JOSA A 11(11), 1994). Slopes of a surface have no curl,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Highlights: what several photos show beyond the matte surface, and the roughness that their width tells.
+"""Highlights in several photos of a matte surface, and the roughness that their width tells.
 
 A lobe of Trowbridge and Reitz (GGX) with Smith's shadowing (Walter, Marschner, Li and Torrance, Microfacet models for
 refraction through rough surfaces, EGSR 2007) of a surface that mirrors 4 %, as nearly all do but metals, is compared
-with what the matte surface leaves of the photos, for each of several widths. Few lights sample a lobe too sparsely for
+with the residuals of the matte surface, for each of several widths. Few lights sample a lobe too sparsely for
 one pixel, so that the pixels of a cell decide together.
 """
 
@@ -25,8 +25,8 @@ _REACH = 1.0  # cells: sigma of the neighborhood that decides on roughness toget
 def lobe_misfits(over: np.ndarray, lit: np.ndarray, fit: Fit, toward: np.ndarray) -> np.ndarray:
     """Squared error with a lobe of each width, less that without one, (WIDTHS, pixels) float32.
 
-    The matte fit takes up a part of every lobe, all the more of a wide one. What it leaves of a lobe is compared with
-    what it leaves of the photos, which is the error of a fit of both (Frisch and Waugh, Partial time regressions as
+    The matte fit takes up a part of every lobe, all the more of a wide one. The residuals of a lobe are compared
+    with those of the photos, which gives the error of a fit of both (Frisch and Waugh, Partial time regressions as
     compared with individual trends, Econometrica 1(4), 1933).
 
     Parameters

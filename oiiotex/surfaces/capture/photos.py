@@ -48,8 +48,8 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Reduced:
-    """Reduced luminance of n photos, (n, rows, columns) float32, NaN where a photo is transparent.
+class ReducedPhotos:
+    """ReducedPhotos luminance of n photos, (n, rows, columns) float32, NaN where a photo is transparent.
 
     `x`, `y`: (rows, columns) float64, the places of its pixels, px.
     """
@@ -58,7 +58,7 @@ class Reduced:
     x: np.ndarray
     y: np.ndarray
 
-    def without(self, box: Window | None) -> Reduced:
+    def without(self, box: Window | None) -> ReducedPhotos:
         """The same, with a window of the photos that is not seen."""
         if box is None:
             return self
@@ -75,7 +75,7 @@ class Reduced:
 
 
 def piece_of(rows: Sequence[np.ndarray], lenses: Sequence[Lens]) -> Piece:
-    """A piece from the rows of all photos, each (height, width, channels) of its own type."""
+    """A piece from the rows of all photos, (height, width, channels) in the photos' types."""
     color, valid, first = [], [], None
     opaque = np.ones(rows[0].shape[:2], bool)
     for pixels, lens in zip(rows, lenses, strict=True):
@@ -127,7 +127,7 @@ def luminance_of(image: Image, lens: Lens, window: Window) -> np.ndarray:
     return _luminance(linear(values, lens), lens, -1)
 
 
-def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resources, progress: Progress) -> Reduced:
+def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resources, progress: Progress) -> ReducedPhotos:
     """Block means of the luminance of all photos.
 
     Raises
@@ -158,7 +158,7 @@ def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resource
     full = sums[:, 1] == sums[:, 1].max()  # without blocks that are cut by a border
     means = np.where(full, sums[:, 0] / np.maximum(sums[:, 1], 1), np.nan).astype(np.float32)
     down, right = side * (np.indices(means.shape[1:]) + 0.5)
-    return Reduced(means, np.add(right, whole.left), np.add(down, whole.top))
+    return ReducedPhotos(means, np.add(right, whole.left), np.add(down, whole.top))
 
 
 def _block_sums(values: np.ndarray, side: int) -> np.ndarray:
