@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The maps of a surface from several photos, in one pass over bands of all of them.
 
-Maps are stored as rows, in files beyond a quarter of the memory budget, so that memory does not grow with the photos. Only misfits of highlights are held, 32 bytes for a cell of 64 pixels.
+Maps are stored as rows, in files beyond a quarter of the memory budget, so that memory does not grow with the photos.
+Only misfits of highlights are held, 32 bytes for a cell of 64 pixels.
 """
 
 from __future__ import annotations
