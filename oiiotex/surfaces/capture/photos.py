@@ -117,8 +117,7 @@ def _unclipped(pixels: np.ndarray) -> np.ndarray:
     """Where no channel has the largest value of an integer type, (height, width) bool."""
     if pixels.dtype.kind not in "ui":
         return np.ones(pixels.shape[:2], bool)
-    unclipped: np.ndarray = (pixels < _CLIPPED * np.iinfo(pixels.dtype).max).all(-1)
-    return unclipped
+    return np.asarray((pixels < _CLIPPED * np.iinfo(pixels.dtype).max).all(-1))
 
 
 def luminance_of(image: Image, lens: Lens, window: Window) -> np.ndarray:
