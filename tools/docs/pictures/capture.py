@@ -69,7 +69,7 @@ def captured() -> None:
         *(photo.astype(np.float32) for photo in photos),
         lights=lights.ravel(), roughness=True, colorspace="lin_rec709_scene",
     )  # fmt: skip
-    maps = (_srgb(pixels(albedo)), *(shown(each) for each in (normal, height, roughness)))
+    maps = (_srgb(albedo.get_pixels(oiio.FLOAT)), *(shown(each) for each in (normal, height, roughness)))
     write_jpeg(stacked([beside(*map(_srgb, photos[::2])), beside(*maps)]), "capture_stone.jpg")
 
 
