@@ -29,8 +29,9 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"fail": Words(("none",))} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
-    found |= {"tiled": "xy"} if op.name in PAIRS else {}
+    found |= {"tiled": "xy"} if op.name == "transition" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
+    found |= {"lights": Numbers((0, 1, 1, -1, -0.5, 1, 1, -0.5, 1))} if op.name == "capture" else {}
     return found | {name: value for name, value in more.items() if name in names}
 
 
@@ -79,8 +80,10 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
         return [photo, ids(np.indices((64, 72))[1] >= 20)]
     if op.name in PLATES:
         return [photo, photo]
-    if op.name in PAIRS:
+    if op.name == "transition":  # a second tile
         return [photo, oiio.ImageBufAlgo.flop(photo)]
+    if op.name in SEVERAL:
+        return [photo] * SEVERAL[op.name]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
 
 
@@ -92,6 +95,7 @@ def named(op: type[Op], given: list[Any]) -> dict[str, Any]:
 
 def apply(op: type[Op], photo: oiio.ImageBuf, session: Session | None = None, **values: object) -> oiio.ImageBuf:
     made = getattr(filters, op.name)(*operands(op, photo), session=session, **settings(op, **values))
+    made = made[0] if isinstance(made, list) else made
     return next(iter(made.values())) if isinstance(made, dict) else made
 
 
@@ -117,8 +121,8 @@ def is_view(op: type[Op]) -> bool:
 RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PLATES = ("project",)  # and a plate with the same channels
-PAIRS = ("transition",)  # and a second tile
 PAINTINGS = ("paint",)  # and a painting of labels
+SEVERAL = {"capture": 3, "transition": 2}  # images that they take: of one surface under other lights; tiles
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
 PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets

@@ -114,6 +114,10 @@ CASES = {
     ),
     "estimateheight_pebbles": Case(lambda: pictures.pebbles(96, 128, 1), ("--texestimateheight:overcast=1",)),
     "estimateheight_alpha_hole": Case(_with_hole, ("--texestimateheight:light=90:sigma=9",)),
+    "capture_pebbles": Case(
+        lambda: pictures.pebbles(96, 128, 1),
+        ("--dup", "--flip", "--dup", "--flop", "--texcapture:lights=0,1,1,-1,-0.5,1,1,-0.5,1", "--pop"),
+    ),
     "estimateao_heights": Case(
         lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None],
         ("--texestimateao:radius=12:relief=8:tiled=x",),

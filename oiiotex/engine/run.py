@@ -335,6 +335,8 @@ def _sources(op: Op) -> Sequence[tuple[str, Part | None]]:
     """Names and parts of the sources of the op's images, one for each map of a material."""
     slots = (*op.images()[:1], op.further_images())
     named = [(image.source, image.first) for slot, image in op.given() if slot in slots]
+    if any(slot.many for slot in op.images()[:1]):  # the first stands for all
+        named = named[:1]
     files = [(str(value), None) for value in op.values().values() if isinstance(value, Path)]
     return named or files or [(op.name, None)]
 

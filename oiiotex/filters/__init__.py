@@ -23,8 +23,9 @@ _GROUPS = {  # the name of each filter and the class that declares it, in the or
         "atlas": "Atlas", "zoom": "Zoom", "graph": "ExemplarGraph", "join": "Join", "fill": "Fill",
     },
     "Texture preparation and material maps": {
-        "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "estimateheight": "EstimateHeight",
-        "estimateao": "EstimateAO", "estimateroughness": "EstimateRoughness", "checkmaterial": "CheckMaterial",
+        "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "capture": "Capture",
+        "estimateheight": "EstimateHeight", "estimateao": "EstimateAO", "estimateroughness": "EstimateRoughness",
+        "checkmaterial": "CheckMaterial",
     },
     "Fills that move with a shot": {"plate": "Plate", "project": "Project"},
     "Texture analysis and labels": {

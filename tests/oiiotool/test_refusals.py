@@ -17,7 +17,7 @@ from oiiotex.engine.core.op import Op
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
-from tests.any_filter import is_view, of, settings
+from tests.any_filter import SEVERAL, is_view, named, of, settings
 
 FIGURE = re.compile(r"needs \d+ MB.* the budget is \d+ MB")
 SIDE = 30_000
@@ -65,8 +65,8 @@ class Reads:
         photo = Image((self.part("photo", side, 3, oiio.FLOAT, "srgb_rec709_scene"),), "photo")
         coordinates = Image((self.part("st", side, 2, oiio.FLOAT, "data"),), "st")
         second = {"warp": coordinates, "project": photo}.get(op.name, label)
-        images = [label if is_view(op) else photo, second]
-        given = {slot.name: (image,) if slot.many else image for slot, image in zip(op.images(), images, strict=False)}
+        images = [label if is_view(op) else photo, second][: len(op.images())]
+        given = named(op, [photo] * SEVERAL[op.name] if op.name in SEVERAL else images)
         values = settings(op, **more)
         return op(**given, **values | ({"labels": label} if "labels" in values else {}))
 

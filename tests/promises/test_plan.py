@@ -17,7 +17,7 @@ from oiiotex.engine.run import is_provisional, planned, run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
 from oiiotex.engine.session.settings import Settings
-from tests.any_filter import PHOTO, buffer, of, operands, settings
+from tests.any_filter import PHOTO, buffer, named, of, operands, settings
 
 
 def used(op: type[Op], *, pixels: bool, **more: object) -> Op:
@@ -27,9 +27,7 @@ def used(op: type[Op], *, pixels: bool, **more: object) -> Op:
         parts = (part if pixels else dataclasses.replace(part, fetch=no_pixels) for part in image.parts)
         return Image(tuple(parts), image.source)
 
-    images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
-    given = {name: blind(image) for name, image in images.items()}
-    given = {i.name: (given[i.name],) if i.many else given[i.name] for i in op.images()}
+    given = named(op, [blind(from_buffer(one)) for one in operands(op, buffer(PHOTO))])
     values = settings(op) | more
     if isinstance(values.get("labels"), oiio.ImageBuf):
         values["labels"] = blind(from_buffer(values["labels"]))

@@ -24,10 +24,10 @@ from tests import pictures
 from tests.any_filter import (
     COLOR,
     LABELED,
-    PAIRS,
     PHOTO,
     PICTURES,
     RESAMPLED,
+    SEVERAL,
     SUMS,
     apply,
     buffer,
@@ -72,7 +72,7 @@ def plain(op: type[Op]) -> np.ndarray:
 def test_a_seed_is_a_promise(op):
     np.testing.assert_array_equal(pixels(apply(op, buffer(PHOTO), seed=0)), plain(op))
     if "seed" in settings(op, seed=0) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
-        least = 0.03 if op.name in PAIRS else 0.3  # only borders move
+        least = 0.03 if op.name == "transition" else 0.3  # only borders move
         assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > least
 
 
@@ -116,7 +116,7 @@ def test_any_window_is_the_whole_cropped(op, tmp_path):
         out = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
         assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
         first, others = read(tmp_path / "a.exr"), operands(op, buffer(PHOTO))[1:]
-        images = named(op, [first, *(first if op.name in PAIRS else from_buffer(one) for one in others)])
+        images = named(op, [first, *(first if op.name in SEVERAL else from_buffer(one) for one in others)])
         given = settings(op)
         if op.name in LABELED:
             given["labels"] = from_buffer(given["labels"])
@@ -161,7 +161,7 @@ def test_what_changes_color_leaves_the_rest_alone(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOR if op.copies and op.name not in PAIRS])  # these copy each pixel to its own place
+@of([op for op in COLOR if op.copies and op.name != "transition"])  # these copy each pixel to its own place
 def test_pixels_of_alpha_0_are_never_a_source(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0
@@ -309,8 +309,7 @@ def watched(photo: np.ndarray, asked: list[Window], space: str = "srgb_rec709_sc
 def made_of(op: type[Op], photo: Image) -> Part:
     """The op's image, of the photo and what else it takes."""
     others = map(from_buffer, operands(op, buffer(PHOTO))[1:])
-    images = dict(zip((i.name for i in op.images()), (photo, *others), strict=True))
-    images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
+    images = named(op, [photo, *(photo if op.name in SEVERAL else one for one in others)])
     return run(op(**settings(op), **images), Session(threads=2))[0].image.first
 
 

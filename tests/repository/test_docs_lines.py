@@ -20,6 +20,7 @@ import pytest
 
 from tests import forked, pictures
 from tests.conftest import save
+from tests.reference import captures, reliefs
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -110,6 +111,10 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "statue.obj").write_text(pictures.cube_obj(0.5))
     for frame in range(1001, 1003):
         save(stones * (0.8 + frame % 2 / 10), folder / f"plate.{frame}.exr", "half", "lin_rec709_scene")
+    lights = captures.lights(8, turn=90)
+    for n, light in enumerate(lights, 1):
+        save(captures.photo(reliefs.hills(SIDE, 1), wall, light), folder / f"p{n}.jpg")
+    (folder / "lights.lp").write_text("\n".join(f"p{n}.jpg {x} {y} {z}" for n, (x, y, z) in enumerate(lights, 1)))
     photos = folder / "photos"
     photos.mkdir()
     save(stones, photos / "meadow.jpg")

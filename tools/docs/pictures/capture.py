@@ -6,9 +6,11 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
+from benchmarks.captures.rendered import materials
 from oiiotex import filters
 from oiiotex.surfaces.capture.homography import homography
-from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, test_photo, write_jpeg
+from tests.reference import captures
+from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, stacked, test_photo, write_jpeg
 
 SLANTS = {
     "facade_tiles.jpg": ((38, 30), (470, 84), (452, 330), (8, 372)),
@@ -55,5 +57,26 @@ def estimated() -> None:
     write_jpeg(beside(pixels(photo), *map(shown, maps)), "estimate_pebbles.jpg")
 
 
+def captured() -> None:
+    """Four of eight photos of wet stone under several lights, and its maps."""
+    stone = materials()["wet rock"]
+    lights = captures.lights(8, turn=90)
+    photos = [
+        captures.photo(stone.heights, stone.albedo, light, stone.roughness, 0.04, 0.01, n)
+        for n, light in enumerate(lights)
+    ]
+    albedo, normal, height, roughness = filters.capture(
+        *(photo.astype(np.float32) for photo in photos),
+        lights=lights.ravel(), roughness=True, colorspace="lin_rec709_scene",
+    )  # fmt: skip
+    maps = (_srgb(albedo.get_pixels(oiio.FLOAT)), *(shown(each) for each in (normal, height, roughness)))
+    write_jpeg(stacked([beside(*map(_srgb, photos[::2])), beside(*maps)]), "capture_stone.jpg")
+
+
+def _srgb(linear: np.ndarray) -> np.ndarray:
+    """8-bit values of linear ones."""
+    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
 if __name__ == "__main__":
-    draw(rectified, estimated)
+    draw(rectified, estimated, captured)
