@@ -26,7 +26,15 @@ from oiiotex.engine.session.facts import Facts
 from tests.any_filter import PHOTO, buffer, named, of, operands, settings
 from tests.conftest import oiiotex, save
 
-READ = {"palette", "graph", "draw", "fromplan", "mesh", "motion"}  # parameters that name a file which the op reads
+READ = {
+    "palette",
+    "graph",
+    "draw",
+    "fromplan",
+    "mesh",
+    "motion",
+    "lights",
+}  # parameters that name a file which the op reads
 TYPES = {
     Kind.IDS: "uint", Kind.MASK: "float", Kind.COORDINATES: "float", Kind.MEASURE: "float", Kind.CRYPTOMATTE: "float",
     Kind.PICTURE: "uint8", Kind.PIXELS: "half",
