@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 
@@ -20,7 +21,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import WHOLE, Progress
-from oiiotex.synthesis.exemplar.first_result import FirstTile, fidelity_of, glance, textured
+from oiiotex.synthesis.exemplar.first_result import FirstTile, coarse_photo, fidelity_of, glance, textured
 from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
 from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
@@ -279,11 +280,12 @@ def test_a_level_that_is_worse_than_the_best_tile_dismisses_its_own():
     def too_early() -> SourceMap:
         raise AssertionError("this level is too small to be measured")
 
+    coarse = functools.partial(coarse_photo, JudgedPhoto(lab))
     with pytest.raises(Dismissed, match="before it is finished"):
-        look = glance(JudgedPhoto(lab), RECIPE, value + 0.1)
+        look = glance(coarse, SIDE, RECIPE, value + 0.1)
         look(too_early, (half // 2, half // 2))
         look(lambda: whole, (half, half))
-    glance(JudgedPhoto(lab), RECIPE, value - 0.1)(lambda: whole, (half, half))
+    glance(coarse, SIDE, RECIPE, value - 0.1)(lambda: whole, (half, half))
 
 
 def test_a_photo_that_tiles_gets_a_hint(caplog):

@@ -13,11 +13,11 @@ from oiiotex.engine import errors
 from oiiotex.engine.core.demand import MadeRows
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.layout.kept_layout import kept_layout
-from oiiotex.synthesis.layout.periods import rise_of
+from oiiotex.synthesis.layout.periods import levels_of, rise_of
 from oiiotex.synthesis.layout.seam import Joint, starts
 from oiiotex.synthesis.layout.strip import PhotoStrip
 from oiiotex.synthesis.quality import judged_tries
-from oiiotex.synthesis.quality.fidelity import Fidelity
+from oiiotex.synthesis.quality.judged_tries import Try
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
@@ -51,7 +51,8 @@ def test_a_lattice_gets_its_own_period(period):
 @pytest.mark.parametrize("rise", [-5, 3])
 def test_a_tilted_lattice_becomes_level(rise):
     lab = lattice(120, 128, (90, 70), rise)
-    assert rise_of(whole(lab).turned(False)) == (rise, 90)
+    strip = whole(lab).turned(False)
+    assert rise_of(strip, levels_of(strip)) == (rise, 90)
     tile = kept_layout(lab, None, BEST, TORUS).source
     assert tile.packed.shape == (70, 90)
     y, x = tile.yx
@@ -171,7 +172,7 @@ def test_the_default_tries_the_layout_and_says_how_to_request_it(caplog, monkeyp
     """What the default chooses, its line makes again."""
     photo = buffer(pictures.pebbles(96, 112, 3) ** 2.2, space="lin_rec709_scene")
     monkeypatch.setattr(judged_tries, "GOOD", 2.0)  # which no result reaches
-    monkeypatch.setattr(Fidelity, "worst", "broken")
+    monkeypatch.setattr(Try, "hope", lambda *_: 2.0)
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(photo)
     assert "trying preset=layout" in caplog.text and "layout kept: " in caplog.text

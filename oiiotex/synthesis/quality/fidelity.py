@@ -7,7 +7,7 @@ Each measure has a value up to which people called tiles good, and one from whic
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,7 +109,12 @@ class Fidelity:
     @property
     def value(self) -> float:
         """The fidelity, 0 to 1: the worst part decides. Rounded to three digits so that last bits decide nothing."""
-        return round(1.0 / (1.0 + max(grade for grade, _, _ in self._grades()) / 4.0), 3)
+        return self.without(())
+
+    def without(self, parts: Collection[str]) -> float:
+        """The value if those parts were perfect."""
+        worst = max((grade for grade, name, _ in self._grades() if name not in parts), default=0.0)
+        return round(1.0 / (1.0 + worst / 4.0), 3)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
@@ -127,11 +132,6 @@ class Fidelity:
     def beyond(self) -> tuple[str, ...]:
         """The parts beyond their limits, in words, the worst first."""
         return tuple(said for grade, _, said in sorted(self._grades(), reverse=True) if grade > 1.0)
-
-    @property
-    def worst(self) -> str:
-        """The name of the part that decides the value."""
-        return max(self._grades())[1]
 
     def __str__(self) -> str:
         """A one-line summary: the parts beyond their limits, and the figures."""
