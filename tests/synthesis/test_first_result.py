@@ -21,7 +21,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import WHOLE, Progress
-from oiiotex.synthesis.exemplar.first_result import FirstTile, coarse_photo, fidelity_of, glance, textured
+from oiiotex.synthesis.exemplar.first_result import coarse_photo, fidelity_of, glance, textured
 from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
 from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
@@ -264,12 +264,10 @@ def test_only_tiles_that_may_improve_the_worst_part_are_tried(spot, third):
 
 
 def test_a_tile_that_loses_texture_is_dismissed_whatever_its_fidelity():
-    def one(shown: float) -> Try[FirstTile]:
-        return textured(Try("x", lambda _: (Synthesis(IN_PLACE, IN_PLACE, Lost(0.9, shown)), RECIPE)))
-
-    assert one(0.9).make(0.0)[1] is RECIPE
+    whole, flat = (Synthesis(IN_PLACE, IN_PLACE, Lost(0.9, shown)) for shown in (0.9, 0.4))
+    assert textured(whole) is whole
     with pytest.raises(Dismissed, match="50 % of the texture"):
-        one(0.4).make(0.0)
+        textured(flat)
 
 
 def test_a_level_that_is_worse_than_the_best_tile_dismisses_its_own():

@@ -13,9 +13,11 @@ from oiiotex.engine import errors
 from oiiotex.engine.core.demand import MadeRows
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.layout.kept_layout import kept_layout
+from oiiotex.synthesis.layout.mending import mended
 from oiiotex.synthesis.layout.periods import levels_of, rise_of
 from oiiotex.synthesis.layout.seam import Joint, starts
 from oiiotex.synthesis.layout.strip import PhotoStrip
+from oiiotex.synthesis.patchmatch.constraints import FixedPixels
 from oiiotex.synthesis.quality import judged_tries
 from oiiotex.synthesis.quality.judged_tries import Try
 from tests import pictures
@@ -149,6 +151,23 @@ def test_excluded_pixels_are_not_shown():
     mask[:20] = 1
     with pytest.raises(errors.ImageError, match="of the photo's layout is excluded"):
         filters.stationarize(buffer(pictures.moss(96, 96, 5)), mask=buffer(mask, space=""), preset="layout")
+
+
+@pytest.mark.parametrize("wraps", [(True, True), (False, True)])
+def test_excluded_pixels_are_replaced_in_a_piece_around_them(wraps):
+    """Across the border where the tile wraps, and with the pixels around it as they are."""
+    source, usable = SourceMap.of(np.arange(60)[:, None], np.arange(80)), np.ones((60, 80), bool)
+    usable[:4, 20:30] = usable[56:, 24:34] = False
+    pieces = []
+
+    def synthesized(fixed: FixedPixels, wrapped: tuple[bool, bool]) -> SourceMap:
+        pieces.append((fixed.where.shape, wrapped))
+        return SourceMap.of(np.where(fixed.where, fixed.places.yx[0], 30), fixed.places.yx[1])
+
+    tile = mended(source, usable, wraps, 5, synthesized)
+    assert pieces == [((8 + 2 * 15, 14 + 2 * 15), (False, False))]
+    assert tile.gather(usable).all()
+    np.testing.assert_array_equal(tile.packed[usable], source.packed[usable])
 
 
 @pytest.mark.parametrize("shape", [(1, 64), (64, 1), (14, 40)])

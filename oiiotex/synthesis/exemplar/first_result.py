@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TypeAlias
 
 from ...engine.color.config import as_float
@@ -19,7 +18,7 @@ from ..patchmatch.optimization import LevelLook, Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
 from ..quality.fidelity import FAIR, Fidelity, JudgedPhoto
-from ..quality.judged_tries import Dismissed, Try
+from ..quality.judged_tries import Dismissed
 from ..quality.seam_measures import seam_ratio
 
 log = logging.getLogger("oiiotex")
@@ -70,16 +69,11 @@ def glance(coarse: Callable[[int, int], JudgedPhoto], width: int, recipe: Recipe
     return look
 
 
-def textured(one: Try[FirstTile]) -> Try[FirstTile]:
-    """The same try, dismissed if its tile loses the photo's texture."""
-
-    def make(least: float) -> FirstTile:
-        synthesis, recipe = one.make(least)
-        if synthesis.lost is not None and synthesis.lost.share > SLACK:
-            raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
-        return synthesis, recipe
-
-    return replace(one, make=make)
+def textured(synthesis: Synthesis) -> Synthesis:
+    """The same synthesis. Raises `Dismissed` if it loses the photo's texture."""
+    if synthesis.lost is not None and synthesis.lost.share > SLACK:
+        raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
+    return synthesis
 
 
 def say_fidelity(flag: str, kept: Fidelity | None, spelled: str, warn: bool, advice: str = ONE_TILE) -> None:

@@ -24,7 +24,10 @@ SIGMA_SHARE, PAPER_SIGMA_SHARE, LARGE_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 
 AUTOMATIC: dict[str, float] = {"histogram": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
 IMPROVED_BY_SIZE = "broken", "cut", "unlike", "lost", "missing", "salient"  # large structures repeat as slow waves
 # other tiles: divisor of the longer side, patch, the parts of a fidelity that they may improve, and how much they break
-EVENER = (EVEN_SIGMA_SHARE, SMALL_PATCH, ("waves", "salient"), 1.5), (2 * SIGMA_SHARE, PATCH, ("waves",), 1.0)
+EVENER = (
+    (EVEN_SIGMA_SHARE, SMALL_PATCH, ("waves", "uneven", "salient"), 1.5),
+    (2 * SIGMA_SHARE, PATCH, ("waves", "uneven"), 1.0),
+)
 LARGER = LARGE_SIGMA_SHARE, LARGE_PATCH, IMPROVED_BY_SIZE, 1.0
 PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
     EVEN: {"histogram": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},

@@ -292,11 +292,11 @@ class SynthesisRun:
         if not plan.judged:
             return [first]
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
-        evener, larger = [self._at_scale(coarse, *scale) for scale in EVENER], self._at_scale(coarse, *LARGER)
+        others = [self._at_scale(coarse, *scale) for scale in (*EVENER, LARGER)]
         is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
         if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
-            evener.append(layout)
-        return [first, *map(textured, (*evener, larger))]
+            others.insert(len(EVENER), layout)
+        return [first, *others]
 
     def _at_scale(
         self, coarse: Callable[[int, int], JudgedPhoto], share: float, patch: int, improves: tuple[str, ...],
@@ -307,7 +307,7 @@ class SynthesisRun:
 
         def make(least: float) -> FirstTile:
             look = glance(coarse, self._seen.values.shape[1], recipe, least)
-            return self._run(recipe, self._constraints, look=look), recipe
+            return textured(self._run(recipe, self._constraints, look=look)), recipe
 
         return Try(recipe.scales, make, improves=improves, breaks=breaks)
 
