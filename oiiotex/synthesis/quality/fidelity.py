@@ -45,7 +45,7 @@ _LIMITS = (
     ("broken", 0.015, 0.04, "objects or patterns are cut"),
     ("waves", 3.5, 20.0, "light and dark areas repeat visibly"),
     ("salient", 6.3, 12.0, "a spot stands out in every tile"),
-    ("uneven", 0.16, 0.36, "rough and plain, or fine and coarse areas repeat visibly"),
+    ("uneven", 0.16, 0.5, "rough and plain, or fine and coarse areas repeat visibly"),
     ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
     ("unlike", 0.36, 0.6, "shapes are broken"),
