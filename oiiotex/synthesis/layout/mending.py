@@ -55,7 +55,8 @@ def mended(
             hint="use another preset",
         )
     columns, rows = (
-        _around(np.asarray(~kept.all(axis)), _AROUND * patch, around) for axis, around in zip((0, 1), wraps, strict=True)
+        _around(np.asarray(~kept.all(axis)), _AROUND * patch, around)
+        for axis, around in zip((0, 1), wraps, strict=True)
     )
     at = np.ix_(rows, columns)
     is_whole = len(columns) == kept.shape[1], len(rows) == kept.shape[0]
