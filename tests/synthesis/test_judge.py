@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, fidelity
-from oiiotex.synthesis.quality.repetition import salience, slow_waves
+from oiiotex.synthesis.quality.repetition import salience, slow_waves, texture_waves
 from oiiotex.synthesis.quality.wholeness import cuts, turning, unexplained
 from tests import pictures
 from tests.any_filter import buffer, quarters
@@ -58,6 +59,15 @@ def test_a_cut_that_no_one_sees_is_none():
     assert unexplained(wave, moved, PLANE) < 1e-3
 
 
+def test_a_tilt_that_was_leveled_is_no_cut_and_a_jump_is_one():
+    """Columns that rise by 1/8 of their distance, in whole pixels, and the same rise at once."""
+    photo, y, x = rings(), np.arange(SIDE - 24)[:, None], np.arange(SIDE)
+    leveled, jump = (SourceMap.of(y + by, x) for by in (x // 8, 23 * (x >= SIDE // 2)))
+    for share in (12, 48):
+        assert unexplained(photo, leveled, PLANE, share) == 0
+        assert unexplained(photo, jump, PLANE, share) > 0.01
+
+
 def test_edges_count_more_than_objects():
     """Large blocks of a photo: few edges are cut, and most objects."""
     photo, blocks = rings(), shuffled(48)
@@ -88,6 +98,19 @@ def test_a_slow_wave_repeats_and_a_fast_one_is_texture():
         tile = np.zeros((SIDE, SIDE, 3))
         tile[..., 0] = 50 + 10 * np.sin(cycles * x)
         assert slow_waves(tile) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("fine", [True, False])
+def test_areas_of_other_texture_repeat_even_if_all_are_as_light(fine):
+    """Noise whose left half is plainer, or whose stones grow from left to right; and the same everywhere."""
+    random, x = np.random.default_rng(0), np.arange(SIDE)
+    noise = random.standard_normal((SIDE, SIDE))
+    coarse = 4 * gaussian_filter(noise, 3, mode="wrap")
+    right = 0.5 - 0.5 * np.cos(x * 2 * np.pi / SIDE)
+    uneven = noise * (1 + right) if fine else noise * (1 - right) + coarse * right
+    even = noise if fine else (noise + coarse) / 2
+    assert texture_waves(50 + 5 * even) < 0.16 < 0.2 < texture_waves(50 + 5 * uneven)
+    assert slow_waves(np.dstack([50 + 5 * uneven] * 3)) < 3.5
 
 
 def test_one_spot_is_salient_and_a_weed_on_gray_stone_is_not():

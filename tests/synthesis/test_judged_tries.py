@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,30 @@ def test_the_first_good_try_is_taken_else_the_best():
     assert best_of(tries(0.09, 0.05, 0.07), judged).made == 0.05
     assert best_of(tries(0.09, 0.01), lambda _: None).made == 0.09  # too small to be judged
     assert made == [0.09]
+
+
+def test_a_try_that_can_neither_become_good_nor_gain_is_not_made():
+    made = []
+
+    def one(name: str, value: float, **more) -> Try:
+        return Try(name, lambda _: made.append(name) or value, **more)
+
+    improving = [
+        one("waves", 0.02, improves=("waves",)),  # objects stay cut
+        one("breaks", 0.02, improves=("broken",)),
+        one("whole", 0.016, improves=("broken",)),
+    ]
+    assert best_of([one("first", 0.02), *improving], judged).spelled == "whole"
+    assert made == ["first", "breaks", "whole"]
+    slight = one("slight", 0.014, improves=("waves", "salient"), breaks=1.5)
+    made.clear()
+
+    def repeating(broken: float) -> Fidelity:
+        return replace(judged(broken), waves=4.0)
+
+    assert best_of([one("first", 0.014), slight], repeating).spelled == "first"
+    assert best_of([one("first", 0.009), slight], repeating).made == 0.009  # 1.5 times 0.009 is good
+    assert made == ["first", "first", "slight"]
 
 
 def test_a_try_that_fails_is_left_out_unless_it_is_the_first():

@@ -13,11 +13,13 @@ from oiiotex.engine import errors
 from oiiotex.engine.core.demand import MadeRows
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.layout.kept_layout import kept_layout
-from oiiotex.synthesis.layout.periods import rise_of
+from oiiotex.synthesis.layout.mending import mended
+from oiiotex.synthesis.layout.periods import levels_of, rise_of
 from oiiotex.synthesis.layout.seam import Joint, starts
 from oiiotex.synthesis.layout.strip import PhotoStrip
+from oiiotex.synthesis.patchmatch.constraints import FixedPixels
 from oiiotex.synthesis.quality import judged_tries
-from oiiotex.synthesis.quality.fidelity import Fidelity
+from oiiotex.synthesis.quality.judged_tries import Try
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
@@ -51,7 +53,8 @@ def test_a_lattice_gets_its_own_period(period):
 @pytest.mark.parametrize("rise", [-5, 3])
 def test_a_tilted_lattice_becomes_level(rise):
     lab = lattice(120, 128, (90, 70), rise)
-    assert rise_of(whole(lab).turned(False)) == (rise, 90)
+    strip = whole(lab).turned(False)
+    assert rise_of(strip, levels_of(strip)) == (rise, 90)
     tile = kept_layout(lab, None, BEST, TORUS).source
     assert tile.packed.shape == (70, 90)
     y, x = tile.yx
@@ -150,6 +153,23 @@ def test_excluded_pixels_are_not_shown():
         filters.stationarize(buffer(pictures.moss(96, 96, 5)), mask=buffer(mask, space=""), preset="layout")
 
 
+@pytest.mark.parametrize("wraps", [(True, True), (False, True)])
+def test_excluded_pixels_are_replaced_in_a_piece_around_them(wraps):
+    """Across the border where the tile wraps, and with the pixels around it as they are."""
+    source, usable = SourceMap.of(np.arange(60)[:, None], np.arange(80)), np.ones((60, 80), bool)
+    usable[:4, 20:30] = usable[56:, 24:34] = False
+    pieces = []
+
+    def synthesized(fixed: FixedPixels, wrapped: tuple[bool, bool]) -> SourceMap:
+        pieces.append((fixed.where.shape, wrapped))
+        return SourceMap.of(np.where(fixed.where, fixed.places.yx[0], 30), fixed.places.yx[1])
+
+    tile = mended(source, usable, wraps, 5, synthesized)
+    assert pieces == [((8 + 2 * 15, 14 + 2 * 15), (False, False))]
+    assert tile.gather(usable).all()
+    np.testing.assert_array_equal(tile.packed[usable], source.packed[usable])
+
+
 @pytest.mark.parametrize("shape", [(1, 64), (64, 1), (14, 40)])
 def test_a_photo_without_room_for_a_seam_is_refused(shape):
     with pytest.raises(errors.ImageError, match=r"smaller than a patch|expected at least 16x16 px"):
@@ -171,7 +191,7 @@ def test_the_default_tries_the_layout_and_says_how_to_request_it(caplog, monkeyp
     """What the default chooses, its line makes again."""
     photo = buffer(pictures.pebbles(96, 112, 3) ** 2.2, space="lin_rec709_scene")
     monkeypatch.setattr(judged_tries, "GOOD", 2.0)  # which no result reaches
-    monkeypatch.setattr(Fidelity, "worst", "broken")
+    monkeypatch.setattr(Try, "hope", lambda *_: 2.0)
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(photo)
     assert "trying preset=layout" in caplog.text and "layout kept: " in caplog.text

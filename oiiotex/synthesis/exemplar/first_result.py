@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TypeAlias
 
 from ...engine.color.config import as_float
@@ -19,7 +18,7 @@ from ..patchmatch.optimization import LevelLook, Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
 from ..quality.fidelity import FAIR, Fidelity, JudgedPhoto
-from ..quality.judged_tries import Dismissed, Try
+from ..quality.judged_tries import Dismissed
 from ..quality.seam_measures import seam_ratio
 
 log = logging.getLogger("oiiotex")
@@ -30,7 +29,7 @@ TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
 SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
 _GLANCED = 0.45  # of the photo: a level that is as large tells whether the others are worth making
-_DOUBT = 0.02  # by which a finished tile may be better than its coarse level, or with its holes
+_DOUBT = 0.02  # by which a finished tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -44,40 +43,37 @@ def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fideli
     return photo.fidelity(result, (recipe.wrap_y, recipe.wrap_x), source)
 
 
-def dismiss_below(least: float, photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> None:
-    """Raise `Dismissed` if the fidelity of a tile that is not finished will not exceed `least`."""
-    kept = fidelity_of(photo, source, recipe)
-    if kept is not None and kept.value + _DOUBT <= least:
-        raise Dismissed(f"{kept} before it is finished")
+def coarse_photo(photo: JudgedPhoto, width: int, height: int) -> JudgedPhoto:
+    """The photo reduced to the size of a level."""
+    original = None if photo.original is None else resized(photo.original, width, height)
+    return JudgedPhoto(resized(photo.lab, width, height), coarse_mask(photo.usable, width, height), original)
 
 
-def glance(photo: JudgedPhoto, recipe: Recipe, least: float) -> LevelLook:
-    """A look at the levels of a synthesis: `dismiss_below` on the first one that is large enough."""
+def glance(coarse: Callable[[int, int], JudgedPhoto], width: int, recipe: Recipe, least: float) -> LevelLook:
+    """A look at the levels of a synthesis that raises `Dismissed` if its fidelity will not exceed `least`.
+
+    It measures the first level that is large enough. `coarse`: the photo reduced to a width and height; `width`: the
+    photo's.
+    """
     is_measured = False
 
     def look(pick: Callable[[], SourceMap], size: tuple[int, int]) -> None:
         nonlocal is_measured
-        width = photo.lab.shape[1]
         if is_measured or not _GLANCED * width <= size[0] < width:
             return
         is_measured = True
-        original = None if photo.original is None else resized(photo.original, *size)
-        coarse = JudgedPhoto(resized(photo.lab, *size), coarse_mask(photo.usable, *size), original)
-        dismiss_below(least, coarse, pick(), recipe)
+        kept = fidelity_of(coarse(*size), pick(), recipe)
+        if kept is not None and kept.value + _DOUBT <= least:
+            raise Dismissed(f"{kept} before it is finished")
 
     return look
 
 
-def textured(one: Try[FirstTile]) -> Try[FirstTile]:
-    """The same try, dismissed if its tile loses the photo's texture."""
-
-    def make(least: float) -> FirstTile:
-        synthesis, recipe = one.make(least)
-        if synthesis.lost is not None and synthesis.lost.share > SLACK:
-            raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
-        return synthesis, recipe
-
-    return replace(one, make=make)
+def textured(synthesis: Synthesis) -> Synthesis:
+    """The same synthesis. Raises `Dismissed` if it loses the photo's texture."""
+    if synthesis.lost is not None and synthesis.lost.share > SLACK:
+        raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
+    return synthesis
 
 
 def say_fidelity(flag: str, kept: Fidelity | None, spelled: str, warn: bool, advice: str = ONE_TILE) -> None:

@@ -40,7 +40,7 @@ from .exemplar_masks import mask_of
 from .first_result import (
     SET_OF_TILES,
     FirstTile,
-    dismiss_below,
+    coarse_photo,
     fidelity_of,
     glance,
     hint_that_it_tiles,
@@ -285,29 +285,33 @@ class SynthesisRun:
     def _tries(self, photo: JudgedPhoto) -> list[Try[FirstTile]]:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
-        in_layout = functools.partial(self._in_own_layout, photo)
-        layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, IMPROVED_BY_SIZE)
+        layout = Try(f"preset={LAYOUT}", lambda _: self._in_own_layout(), _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
             return [replace(layout, improves=())]
         first = Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))
         if not plan.judged:
             return [first]
-        others = [self._at_scale(photo, *scale) for scale in EVENER]
+        coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
+        others = [self._at_scale(coarse, *scale) for scale in (*EVENER, LARGER)]
         is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
         if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
-            others.append(layout)
-        return [first, *map(textured, (*others, self._at_scale(photo, *LARGER)))]
+            others.insert(len(EVENER), layout)
+        return [first, *others]
 
-    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, improves: tuple[str, ...]) -> Try[FirstTile]:
-        """A tile with another patch, and with sigma as a divisor of the longer side."""
+    def _at_scale(
+        self, coarse: Callable[[int, int], JudgedPhoto], share: float, patch: int, improves: tuple[str, ...],
+        breaks: float,
+    ) -> Try[FirstTile]:  # fmt: skip
+        """A tile with another patch, and with sigma as a divisor of the longer side. `coarse`: see `glance`."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
         def make(least: float) -> FirstTile:
-            return self._run(recipe, self._constraints, look=glance(photo, recipe, least)), recipe
+            look = glance(coarse, self._seen.values.shape[1], recipe, least)
+            return textured(self._run(recipe, self._constraints, look=look)), recipe
 
-        return Try(recipe.scales, make, improves=improves)
+        return Try(recipe.scales, make, improves=improves, breaks=breaks)
 
-    def _in_own_layout(self, photo: JudgedPhoto, least: float) -> FirstTile:
+    def _in_own_layout(self) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)
@@ -322,11 +326,12 @@ class SynthesisRun:
             recipe, sigma=None, contrast=0.0, flat=False, complete=False, in_step=None, fine=_HOLE_ITERATIONS
         )
 
-        def filled(constraints: Constraints) -> SourceMap:
-            dismiss_below(least, photo, layout.source, recipe)
-            return SourceMap(np.array(self._run(holes, constraints).source.packed))
+        def filled(fixed: FixedPixels, wraps: tuple[bool, bool]) -> SourceMap:
+            high, wide = fixed.where.shape
+            piece = replace(holes, width=wide, height=high, wrap_x=wraps[0], wrap_y=wraps[1])
+            return SourceMap(np.array(self._run(piece, Constraints(fixed=fixed)).source.packed))
 
-        source = mended(layout.source, seen.usable, filled)
+        source = mended(layout.source, seen.usable, self._wraps, recipe.patch, filled)
         self._progress.advance(1, 1)
         return Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe)), recipe
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from .periods import Jumps, cheapest_jumps, rise_of
+from .periods import Jumps, leveled_jumps
 from .seam import Joint, starts
 from .strip import PhotoStrip
 
@@ -78,8 +78,7 @@ def _joined(strip: PhotoStrip, length: int | None, wraps: bool) -> tuple[PhotoSt
     if not wraps and (length is None or length <= strip.length):
         at = 0 if length is None else (strip.length - length) // 2
         return strip.part(slice(at, strip.length if length is None else at + length)), None
-    strip = strip.leveled(*rise_of(strip))
-    jumps = cheapest_jumps(strip, length)
+    strip, jumps = leveled_jumps(strip, length)
     return _tile(strip, jumps.lengths), jumps
 
 

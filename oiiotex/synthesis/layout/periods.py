@@ -6,7 +6,9 @@ All costs are sums of integers, and of equal ones the first is taken.
 
 from __future__ import annotations
 
+import itertools
 import math
+import operator
 from dataclasses import dataclass
 
 from ...engine.deferred import np
@@ -18,11 +20,12 @@ LEAST, MOST = 0.45, 0.94  # of the strip's length: jumps
 LEAST_ALONE = 0.6  # the same for the only jump of a tile: it shows more of the photo
 MOST_RISE = 1 / 8  # of the jump: the tilt of a photo taken by hand
 _LOSS = 4  # a jump that shows nothing new would cost 1/4 more
-_TILT = 8  # one that needs the greatest rise, 1/8 more
+_TILT = 2  # one that needs the greatest rise, 1/2 more: leveled lines get steps
 _REFINED = 1  # px by which a jump may change on a finer level
 _EDGES = 2  # weight of the differences of lightness between neighbors: joints count as much as colors
 _INVALID = 1 << 24  # cost of a pixel that is not usable
 _ENDLESS = 1 << 50
+_AT_ONCE = 1 << 17, 1 << 22  # px of planes that are compared at once, and whose paths are found at once
 _SMOOTHED = 3  # px around a pixel that are compared with it: joints at the seam, too, must meet
 
 
@@ -34,34 +37,43 @@ class Jumps:
     cost: float
 
 
-def rise_of(strip: PhotoStrip, least: float = LEAST_ALONE) -> tuple[int, int]:
+def leveled_jumps(strip: PhotoStrip, length: int | None) -> tuple[PhotoStrip, Jumps]:
+    """The strip, leveled along its best jump, and the jumps around a tile of that length.
+
+    `length` px; None: one jump, of the best length.
+    """
+    levels = levels_of(strip)
+    leveled = strip.leveled(*rise_of(strip, levels))
+    return leveled, _cheapest_jumps(leveled, levels if leveled is strip else levels_of(leveled), length)
+
+
+def levels_of(strip: PhotoStrip) -> list[_Level]:
+    """The strip at sizes a factor of 2 apart, coarse to fine."""
+    count = 1 + max(0, math.ceil(math.log2(max(strip.length, strip.width) / COARSEST)))
+    return [_Level.of(strip, number) for number in range(count)]
+
+
+def rise_of(strip: PhotoStrip, levels: list[_Level]) -> tuple[int, int]:
     """The rise of the strip's best jump along its columns, and the length of the jump, px."""
-    level = _Level.of(strip, 0)
-    length, rise, _ = level.best(least, tilted=True)[0]
-    for number in range(1, levels_of(strip)):
-        finer = _Level.of(strip, number)
+    level, *others = levels
+    length, rise, _ = level.best(LEAST_ALONE, tilted=True)[0]
+    for finer in others:
         (longer, wider), (shorter, narrower) = finer.invalid.shape, level.invalid.shape
         length, rise = finer.refined(round(length * longer / shorter), round(rise * wider / narrower))
         level = finer
     return round(rise * strip.width / level.invalid.shape[1]), length
 
 
-def levels_of(strip: PhotoStrip) -> int:
-    """Number of levels, a factor of 2 apart."""
-    return 1 + max(0, math.ceil(math.log2(max(strip.length, strip.width) / COARSEST)))
-
-
-def cheapest_jumps(strip: PhotoStrip, length: int | None) -> Jumps:
+def _cheapest_jumps(strip: PhotoStrip, levels: list[_Level], length: int | None) -> Jumps:
     """The jumps around a tile of that length; None: one jump, of the best length."""
-    level = _Level.of(strip, 0)
+    level, *others = levels
     if length is None:
         jump = level.best(LEAST_ALONE)[0][0]
         jumps = [jump]
     else:
         count = max(1, math.ceil(length / (MOST * strip.length)))
         jumps = level.summing(count, max(count, round(length * level.invalid.shape[0] / strip.length)))
-    for number in range(1, levels_of(strip)):
-        finer = _Level.of(strip, number)
+    for finer in others:
         scale = finer.invalid.shape[0] / level.invalid.shape[0]
         level, jumps = finer, [round(jump * scale) for jump in jumps]
         if length is None:
@@ -97,18 +109,22 @@ class _Level:
         """Of the colors, summed over channels."""
         return float(self.colors.reshape(-1, self.colors.shape[2]).astype(np.float64).var(0).sum())
 
-    def differences(self, jump: int, rise: int, rows: int) -> np.ndarray:
-        """Squared differences across a jump, smoothed: (rows, width) int64; outside the photo they are endless."""
+    def differences(self, jump: int, rises: list[int], rows: int) -> np.ndarray:
+        """Squared differences across a jump with each of the rises, smoothed: (rows, rises, width) int64.
+
+        Outside the photo they are endless, and negative where no path runs.
+        """
         length, width = self.invalid.shape
-        here, there = np.arange(min(rows, length - jump)), np.arange(width) + rise
+        here, there = min(rows, length - jump), np.arange(width) + np.array(rises)[:, None]
         inside = (there >= 0) & (there < width) | self.closed
         there = there % width
-        first, second = self.colors[: len(here)], self.colors[jump : jump + len(here)][:, there]
-        cost = ((first - second).astype(np.int64) ** 2).sum(-1)
-        cost += _INVALID * (self.invalid[: len(here)] | self.invalid[jump : jump + len(here)][:, there])
-        out = np.full((rows, width), _ENDLESS)
-        out[: len(here)] = _smoothed(cost, self.closed)
-        out[:, ~inside] = -1  # the path does not run there
+        end, start = slice(here), slice(jump, jump + here)
+        apart = (self.colors[end, None] - self.colors[start][:, there]).astype(np.int64)
+        cost = np.einsum("...c,...c", apart, apart)
+        cost += _INVALID * (self.invalid[end, None] | self.invalid[start][:, there])
+        out = np.full((rows, *there.shape), _ENDLESS)
+        out[end] = _smoothed(cost, self.closed)
+        out[:, ~inside] = -1
         return out
 
     def best(self, least: float, tilted: bool = False) -> list[tuple[int, int, int]]:
@@ -161,10 +177,13 @@ class _Level:
         """Costs of the cheapest paths across jumps with rises, (n,) int64, as for the whole width."""
         rows = min(max(self.invalid.shape[0] - jump for jump, _ in each), max(jump for jump, _ in each))
         width, costs = self.invalid.shape[1], []
-        step = max(1, (1 << 22) // (rows * width))
-        for at in range(0, len(each), step):
-            planes = np.stack([self.differences(*one, rows) for one in each[at : at + step]], 1)
-            costs.append(_cheapest(planes))
+        few, many = (max(1, size // (rows * width)) for size in _AT_ONCE)
+        for at in range(0, len(each), many):
+            planes = []
+            for jump, group in itertools.groupby(each[at : at + many], key=operator.itemgetter(0)):
+                rises = [rise for _, rise in group]
+                planes += [self.differences(jump, rises[n : n + few], rows) for n in range(0, len(rises), few)]
+            costs.append(_cheapest(np.concatenate(planes, 1)))
         return np.concatenate(costs)
 
 
@@ -183,11 +202,10 @@ def _cheapest(planes: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(cost: np.ndarray, closed: bool) -> np.ndarray:
-    """Sums over the box around every pixel, of the same shape."""
-    side, around = 2 * _SMOOTHED + 1, [np.arange(-_SMOOTHED - 1, n + _SMOOTHED) for n in cost.shape]
-    rows, columns = (at.clip(0, n - 1) for at, n in zip(around, cost.shape, strict=True))
-    if closed:
-        columns = around[1] % cost.shape[1]
+    """Sums over the box around every pixel of (rows, n, width) planes, of the same shape."""
+    side = 2 * _SMOOTHED + 1
+    rows, columns = (np.arange(-_SMOOTHED - 1, n + _SMOOTHED) for n in (cost.shape[0], cost.shape[2]))
+    columns = columns % cost.shape[2] if closed else columns.clip(0, cost.shape[2] - 1)
     # a table of sums; np.pad and general box sums take most of the time for planes as small as these
-    table = cost[rows[:, None], columns].cumsum(0).cumsum(1)
-    return table[side:, side:] - table[:-side, side:] - table[side:, :-side] + table[:-side, :-side]
+    table = cost[rows.clip(0, len(cost) - 1)][..., columns].cumsum(0).cumsum(2)
+    return table[side:, :, side:] - table[:-side, :, side:] - table[side:, :, :-side] + table[:-side, :, :-side]

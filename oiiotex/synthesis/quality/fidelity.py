@@ -7,7 +7,7 @@ Each measure has a value up to which people called tiles good, and one from whic
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from ...analysis.regularity.autocorrelation import (
 from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from .repetition import salience, slow_waves
+from .repetition import salience, slow_waves, texture_waves
 from .wholeness import cuts, turning
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
@@ -45,6 +45,7 @@ _LIMITS = (
     ("broken", 0.015, 0.04, "objects or patterns are cut"),
     ("waves", 3.5, 20.0, "light and dark areas repeat visibly"),
     ("salient", 6.3, 12.0, "a spot stands out in every tile"),
+    ("uneven", 0.16, 0.5, "rough and plain, or fine and coarse areas repeat visibly"),
     ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
     ("unlike", 0.36, 0.6, "shapes are broken"),
@@ -74,6 +75,8 @@ class Fidelity:
         None: the sources of the pixels are unknown.
     waves : float or None
         Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
+    uneven : float or None
+        The same of the logarithms of fine and coarse detail.
     salient : float
         Distance of the most salient area from the typical color, in typical deviations.
 
@@ -87,6 +90,7 @@ class Fidelity:
     missing: float
     broken: float | None = None
     waves: float | None = None
+    uneven: float | None = None
     salient: float | None = None
 
     @property
@@ -98,8 +102,9 @@ class Fidelity:
         """Each part, 1 at the limit of good and 2 at that of fair, its name, and what to say about it."""
         unlike, cut = (1.0 - min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
         parts = {
-            "broken": self.broken, "waves": self.waves, "salient": self.salient, "missing": self.missing,
-            "lost": 1.0 - self.texture, "cut": cut, "unlike": unlike if self.broken is None else None,
+            "broken": self.broken, "waves": self.waves, "uneven": self.uneven, "salient": self.salient,
+            "missing": self.missing, "lost": 1.0 - self.texture, "cut": cut,
+            "unlike": unlike if self.broken is None else None,
         }  # fmt: skip
         for name, good, fair, said in _LIMITS:
             value = parts[name]
@@ -109,7 +114,12 @@ class Fidelity:
     @property
     def value(self) -> float:
         """The fidelity, 0 to 1: the worst part decides. Rounded to three digits so that last bits decide nothing."""
-        return round(1.0 / (1.0 + max(grade for grade, _, _ in self._grades()) / 4.0), 3)
+        return self.without(())
+
+    def without(self, parts: Collection[str]) -> float:
+        """The value if those parts were perfect."""
+        worst = max((grade for grade, name, _ in self._grades() if name not in parts), default=0.0)
+        return round(1.0 / (1.0 + worst / 4.0), 3)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
@@ -128,19 +138,14 @@ class Fidelity:
         """The parts beyond their limits, in words, the worst first."""
         return tuple(said for grade, _, said in sorted(self._grades(), reverse=True) if grade > 1.0)
 
-    @property
-    def worst(self) -> str:
-        """The name of the part that decides the value."""
-        return max(self._grades())[1]
-
     def __str__(self) -> str:
         """A one-line summary: the parts beyond their limits, and the figures."""
-        parts = {name: getattr(self, name) for name in ("broken", "waves", "salient", "missing")}
+        parts = {name: getattr(self, name) for name in ("broken", "waves", "uneven", "salient", "missing")}
         figures = ", ".join(f"{name} {value:.3g}" for name, value in parts.items() if value is not None)
         return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
 
 
-_PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
+_PARTS = "shapes", "lines", "missing", "broken", "waves", "uneven", "salient"
 
 
 def fidelity(
@@ -215,6 +220,7 @@ class JudgedPhoto:
             bands=bands, shapes=shapes, lines=lines, missing=missing,
             broken=None if share is None else round(share * self._turning, 4),
             waves=slow_waves(lab) if all(wraps) else None,
+            uneven=texture_waves(lab[..., 0]) if all(wraps) else None,
             salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
         )  # fmt: skip
 

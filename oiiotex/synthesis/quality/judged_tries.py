@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from ...engine.errors import ImageError, present
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 Made = TypeVar("Made")
+_GAIN = 0.02  # of fidelity, for which another result is worth its time if it cannot become good
 
 
 class Dismissed(Exception):
@@ -36,13 +37,23 @@ class Try(Generic[Made]):
     time : float
         Its time, relative to that of the first try.
     improves : collection of str
-        It is only tried if the worst part of the first result's fidelity is one of these. Empty: any.
+        The only parts of the first result's fidelity that may become better. Empty: all.
+    breaks : float
+        By which factor the part `broken` becomes worse, at least.
     """
 
     spelled: str
     make: Callable[[float], Made]
     time: float = 1.0
     improves: Collection[str] = ()
+    breaks: float = 1.0
+
+    def hope(self, first: Fidelity) -> float:
+        """The fidelity that it may have at best."""
+        if not self.improves:
+            return 1.0
+        broken = None if first.broken is None else first.broken * self.breaks
+        return replace(first, broken=broken).without(self.improves)
 
 
 @dataclass(frozen=True)
@@ -70,9 +81,10 @@ def best_tried(
         That of the first try.
     """
     best: Tried[Made] | None = None
-    least, worst = 0.0, ""
+    first: Fidelity | None = None
+    least = 0.0
     for one in tries:
-        if one.improves and worst not in one.improves:
+        if first is not None and one.hope(first) < min(GOOD, least + _GAIN):
             continue
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
@@ -88,7 +100,7 @@ def best_tried(
         kept = judged(made)
         if kept is None:  # too small to measure
             return best or Tried(one.spelled, made, None)
-        worst = worst or kept.worst
+        first = first or kept
         if best is None or kept.value > least:
             best, least = Tried(one.spelled, made, kept), kept.value
         if least >= GOOD:

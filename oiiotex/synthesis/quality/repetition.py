@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Visible repetition of a tile: slow waves of light and color, and salient spots."""
+"""Visible repetition of a tile: slow waves of light, color and texture, and salient spots."""
 
 from __future__ import annotations
 
+from ...analysis.regularity.autocorrelation import blurred
 from ...engine.deferred import np
 
 _CYCLES = 3.2  # per side of the tile: slower waves are seen as a grid of tiles, faster ones as texture
+_DETAIL = 128, 48, 24  # the longer side over sigmas: fine detail is finer than the first, coarse is between the others
+_AREA = 12  # the longer side over the sigma of an area whose detail is compared
+_LEAST_DETAIL = 0.2  # Lab: less is noise
 _LEAST_DEVIATION = 1.0  # Lab, as of a weed on gray stone: smaller ones do not count
 
 
@@ -18,6 +22,18 @@ def slow_waves(tile: np.ndarray) -> float:
     spectrum = np.fft.fft2(tile - tile.mean((0, 1)), axes=(0, 1)) / (height * width)
     cycles = np.hypot(*np.meshgrid(np.fft.fftfreq(height, 1 / height), np.fft.fftfreq(width, 1 / width), indexing="ij"))
     return round(float(np.sqrt((np.abs(spectrum[cycles < _CYCLES]) ** 2).sum())), 2)
+
+
+def texture_waves(light: np.ndarray) -> float:
+    """The same of the texture: of the logarithms of fine and of coarse detail.
+
+    A tile whose one half is rough and whose other is plain, or whose stones become smaller, shows a grid even if it is
+    as light everywhere. `light` (height, width) float, L of a torus.
+    """
+    torus, longer = (True, True), max(light.shape)
+    levels = [light[..., None], *(blurred(light[..., None], longer / share, torus) for share in _DETAIL)]
+    detail = np.concatenate([np.abs(levels[0] - levels[1]), np.abs(levels[2] - levels[3])], -1)
+    return slow_waves(np.log(np.maximum(blurred(detail, longer / _AREA, torus), 0.0) + _LEAST_DETAIL))
 
 
 def salience(around: np.ndarray) -> float:

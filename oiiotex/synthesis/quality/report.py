@@ -46,7 +46,8 @@ _OF_COPIES = ("texture", "copied", "shown", "repeat", "broken")
 _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
 _OF_FILLS = ("border", "step", "sharp")
-_OF_JUDGE = ("fidelity", "broken", "waves", "salient", "missing", "lines", "band_96", "band_48", "band_24", "shapes")
+_OF_WAVES = ("waves", "uneven")
+_OF_JUDGE = ("fidelity", "broken", *_OF_WAVES, "salient", "missing", "lines", "band_96", "band_48", "band_24", "shapes")
 _BYTES = 200  # per pixel of a band
 _SIDE_BYTES = 1024  # per pixel along a side
 _HALO = 16  # maximum number of additional rows of a band
@@ -300,7 +301,7 @@ class Quality:
         absent |= not self.losses and name in _OF_LOSSES
         absent |= not self.painted and name in _OF_LABELS
         absent |= name in ("seam", "salient") and not axes
-        absent |= name == "waves" and len(axes) < 2
+        absent |= name in _OF_WAVES and len(axes) < 2
         absent |= not self.judged and name in _OF_JUDGE
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         absent |= name in _OF_FILLS

@@ -21,6 +21,7 @@ REPORT_MEASURES = {
     "broken": "Variance of patches that no place of the photo explains, where cuts are seen: edges count more than"
     " objects. Good up to 0.015.",
     "waves": "Standard deviation in Lab of waves with up to 3 periods per side of the tile. Good up to 3.5.",
+    "uneven": "The same of the logarithms of fine and coarse detail: rough and plain areas. Good up to 0.16.",
     "salient": "Distance of the most salient area from the typical color, in typical deviations. Good up to 6.3.",
     "missing": "Fraction of the original photo's colors that is missing. Good up to 0.135.",
     "lines": "Fraction of the photo's long lines and lattices that is kept. 1 if it has none.",

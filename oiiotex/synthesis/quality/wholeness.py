@@ -17,6 +17,7 @@ _LEAST_STEP = 0.5  # px between samples
 _GAINS = 0.7, 1.4  # of a copy that evening out may have made lighter or more contrasty
 _STEPS = 8.0  # of Lab values per unit: sums of integers are exact in any order
 _LEAST_SHARE = 0.1  # of the patches' mean variance: those with less count as if they had this, as they are plain
+_BENT = 1 / 8  # of half a patch, and one pixel: what leveling a tilt moves (`layout`)
 _WINDOW = 1 / 16  # of the longer side: sigma of the windows whose directions are compared
 
 
@@ -36,9 +37,10 @@ def cuts(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) -> float 
 def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool], share: int = _OBJECT) -> float | None:
     """Share of the variance of a result's patches that the photo does not explain.
 
-    A patch that was copied in one piece is a piece of the photo. One across a cut is compared with nine places: where
-    its middle, its corners and the middles of its sides would lie if all of it came from there. Where the pieces
-    continue each other, one of them explains it. Local level and contrast are taken out, since evening changes them.
+    A patch that was copied in one piece is a piece of the photo, also if a tilt was leveled in it. One across a cut is
+    compared with nine places: where its middle, its corners and the middles of its sides would lie if all of it came
+    from there. Where the pieces continue each other, one of them explains it. Local level and contrast are taken out,
+    since evening changes them.
 
     Parameters
     ----------
@@ -62,12 +64,16 @@ def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool], sh
     if min(*photo.shape[:2], *source.packed.shape) < 6 * half:
         return None
     grid = _centers(cast("tuple[int, int]", source.packed.shape), half, wraps)
-    own = _samples(source, photo, grid, around)
-    explained, variance = np.zeros(len(own)), (own * own).mean(1)
+    y, x = (at[:, None, None] + by for at, by in zip(grid, (around[:, None], around), strict=True))
+    picked = _sources(source, y, x)
+    own = _samples(picked, photo)
+    variance = (own * own).mean(1)
+    explained = np.where(_bent(picked, around) <= _BENT * half + 1, variance, 0.0)
     for down in (-half, 0, half):
         for right in (-half, 0, half):
-            there = _continued(source, photo.shape, grid, (down, right), half)
-            other = _samples(None, photo, there, around)
+            down_there, right_there = _continued(source, photo.shape, grid, (down, right), half)
+            y, x = down_there[:, None, None] + around[:, None], right_there[:, None, None] + around
+            other = _samples(SourceMap.of(y, x, bits=32), photo)
             both, power = (own * other).mean(1), (other * other).mean(1)
             gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
             explained = np.maximum(explained, gain * (2 * both - gain * power))
@@ -100,18 +106,21 @@ def _centers(shape: tuple[int, int], half: int, wraps: tuple[bool, bool]) -> tup
     return down.ravel(), right.ravel()
 
 
-def _samples(
-    source: SourceMap | None, photo: SomeRows, centers: tuple[np.ndarray, np.ndarray], around: np.ndarray
-) -> np.ndarray:
-    """Lab of patches of the result, or without `source` of the photo, minus their means: (patches, n) of integers.
+def _bent(picked: SourceMap, around: np.ndarray) -> np.ndarray:
+    """How far the samples of patches, (patches, n, n), lie from where they would be in one piece of the photo, px."""
+    (y, x), middle = picked.yx, len(around) // 2
+    places = np.stack([y - around[:, None], x - around])
+    return np.abs(places - places[:, :, middle, middle, None, None]).max((0, 2, 3))
+
+
+def _samples(picked: SourceMap, photo: SomeRows) -> np.ndarray:
+    """Lab of patches of the photo, (patches, n, n), minus their means: (patches, n * n * 3) of integers.
 
     Each is multiplied by the number of samples, so that subtracting the mean leaves integers.
     """
-    y, x = centers[0][:, None, None] + around[:, None], centers[1][:, None, None] + around
-    picked = SourceMap.of(y, x, bits=32) if source is None else _sources(source, y, x)
-    values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(y), -1, 3)
+    values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(picked.packed), -1, 3)
     values = values * values.shape[1] - values.sum(1, keepdims=True)
-    return values.reshape(len(y), -1)
+    return values.reshape(len(values), -1)
 
 
 def _continued(
