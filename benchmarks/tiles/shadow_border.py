@@ -48,7 +48,7 @@ class Shadow(NamedTuple):
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is no dark material."""
+        """Whether it is a shadow rather than dark material."""
         return self.gain >= SURE and bool(self.sky[2] >= BLUISH * self.sky[0])
 
 
