@@ -3,19 +3,21 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from ..analysis.drift.flattening import DRIFT, DRIFT_HELP
 from ..analysis.stationarity.measures import MEASURE, MEASURES, statistics_of
-from ..engine.color.lab import color_to_convert
-from ..engine.core.image import Image
+from ..engine.color.lab import color_to_convert, working_values
+from ..engine.core.image import Image, Part
 from ..engine.core.op import Output, Plan
 from ..engine.core.parameters import image, param
-from ..engine.errors import ParameterError, whole_budget
+from ..engine.errors import ParameterError, spelled, texture_filter, whole_budget
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..engine.session.resources import Resources
 from ..synthesis.exemplar.constraint_images import SIGMAMAP, WEIGHT
 from ..synthesis.exemplar.heights import RELEVEL
 from ..synthesis.exemplar.patch_synthesis import PATCH, TILE_COUNTS, PatchSynthesis, SynthesisPlan
@@ -33,6 +35,9 @@ from ..synthesis.exemplar.presets import (
 )
 from ..synthesis.layout.limits import require_layout
 from ..synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
+from ..synthesis.quality.fidelity import FAIR, GOOD
+
+log = logging.getLogger("oiiotex")
 
 _DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthesis
 
@@ -192,7 +197,25 @@ True
             masking, session = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
             op = masked(how, self, masking.resources, masking.progress)
             how = replace(how, op=op, quality=replace(how.quality, op=op))  # the report names the mask
-        return synthesized(how, session.resources, session.progress)
+        made = synthesized(how, session.resources, session.progress)
+        if how.judged and not isinstance(made, tuple):
+            self._say_if_oblique(made["tile"], how, session.resources)
+        return made
+
+    def _say_if_oblique(self, tile: Part, plan: SynthesisPlan, resources: Resources) -> None:
+        """Name --texrectify if it can straighten a photo whose tile is not good; as a warning if that is poor."""
+        from ..surfaces.capture.oblique_view import OBLIQUE, SEARCH_BYTES, scale_ratio  # rarely needed
+
+        fidelity = float(tile.spec.get_string_attribute("oiiotex:fidelity", "1"))
+        level = logging.WARNING if fidelity < FAIR else logging.INFO
+        if fidelity >= GOOD or not log.isEnabledFor(level) or resources.budget < SEARCH_BYTES:
+            return
+        with resources.stats.time("perspective"):
+            ratio = scale_ratio(*working_values(self.exemplar, resources, self.working_space, plan.in_memory))
+        if ratio is not None and ratio >= OBLIQUE:
+            rectify = spelled(texture_filter("rectify"))
+            text = "%s: the photo is oblique: nearer elements are %.1f times as large; %s straightens it"
+            log.log(level, text, self.flag(), ratio, rectify)
 
     def _strength(self, facts: Facts) -> float:
         """Share of the low-frequency variation to remove."""
