@@ -81,7 +81,7 @@ void fill(const HostImage& out, const ofx::RectI& window, const ofx::RectI& area
 }  // namespace
 
 Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::RectI& whole, int channels,
-                 const std::string& type, const std::string& space)
+                 const std::string& type, const std::string& space, bool unpremultiplied)
 {
     Json names = channels == 1 ? Json { "Y" } : Json { "R", "G", "B" };
     if (channels == 4)
@@ -89,6 +89,8 @@ Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::R
     Json attributes = Json::array();
     if (!space.empty())
         attributes.push_back({ "oiio:ColorSpace", "string", space });
+    if (unpremultiplied)
+        attributes.push_back({ "oiio:UnassociatedAlpha", "int", 1 });
     const Json place { bounds.x1 - whole.x1, whole.y2 - bounds.y2, bounds.x2 - bounds.x1, bounds.y2 - bounds.y1,
                        0, 0, whole.x2 - whole.x1, whole.y2 - whole.y1 };
     const Json part { { "name", slot },     { "place", place }, { "type", type },
@@ -99,7 +101,8 @@ Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::R
 
 Json Input::facts(const std::string& space) const
 {
-    return image_facts(slot, image.bounds, image.definition, mask ? 1 : image.channels, image.type, space);
+    return image_facts(slot, image.bounds, image.definition, mask ? 1 : image.channels, image.type, space,
+                       image.unpremultiplied && !mask);
 }
 
 void Input::add_to(uint64_t hash[2]) const

@@ -11,7 +11,7 @@ namespace oiiotex {
 
 // The facts of an image, as in service/pictures.py: pixels `bounds` of an image whose region is `whole`.
 Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::RectI& whole, int channels,
-                 const std::string& type, const std::string& space);
+                 const std::string& type, const std::string& space, bool unpremultiplied);
 
 // An image of a clip as the process gets it.
 struct Input {

@@ -63,6 +63,7 @@ HostImage::HostImage(void* clip, double time, const ofx::RectD* region)
         definition = whole;
     channels    = channels_of(own);
     type        = type_of(own);
+    unpremultiplied = channels == 4 && own.text("OfxImageEffectPropPreMultiplication") == "OfxImageAlphaUnPremultiplied";
     pixel_bytes = channels * (type == "float" ? 4 : type == "half" ? 2 : type == "uint8");
     m_data      = static_cast<char*>(own.pointer("OfxImagePropData"));
     m_stride    = own.integer("OfxImagePropRowBytes");
@@ -107,11 +108,17 @@ Clip Effect::clip(const std::string& name) const
     return { clip, Properties(set) };
 }
 
-void* Effect::parameter(const char* name) const
+void* Effect::parameter(const char* name, void** properties) const
 {
     void *parameters = nullptr, *found = nullptr;
     suites.effect->parameters(m_handle, &parameters);
-    return suites.parameter->parameter(parameters, name, &found, nullptr) == ofx::ok ? found : nullptr;
+    return suites.parameter->parameter(parameters, name, &found, properties) == ofx::ok ? found : nullptr;
+}
+
+Properties Effect::parameter_properties(const char* name) const
+{
+    void* set = nullptr;
+    return parameter(name, &set) ? Properties(set) : Properties();
 }
 
 std::string Effect::text(const char* name, double time) const

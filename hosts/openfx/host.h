@@ -28,6 +28,7 @@ public:
     void set(const char* name, const std::string& value, int index = 0) const { set(name, value.c_str(), index); }
     void set(const char* name, int value, int index = 0) const { suites.property->set_int(m_set, name, index, value); }
     void set(const char* name, double value, int index = 0) const { suites.property->set_double(m_set, name, index, value); }
+    void reset(const char* name) const { if (m_set) suites.property->reset(m_set, name); }
     std::string text(const char* name, int index = 0) const;
     int integer(const char* name, int index = 0, int other = 0) const;
     double real(const char* name, int index = 0, double other = 0) const;
@@ -49,6 +50,7 @@ public:
     ofx::RectI bounds {}, definition {};
     int channels = 0;  // as of channels_of and type_of
     std::string type;
+    bool unpremultiplied = false;
     size_t pixel_bytes = 0;
 
     HostImage(void* clip, double time, const ofx::RectD* region);
@@ -83,6 +85,7 @@ public:
     int integer(const std::string& parameter, double time) const;
     double real(const std::string& parameter, double time) const;
     void pair(const std::string& parameter, double time, int* x, int* y) const;
+    Properties parameter_properties(const char* name) const;
     void set_text(const char* parameter, const std::string& value) const;
     void set_integer(const char* parameter, int value) const;
 
@@ -94,7 +97,7 @@ public:
 private:
     void* m_handle;
 
-    void* parameter(const char* name) const;
+    void* parameter(const char* name, void** properties = nullptr) const;
 };
 
 }  // namespace oiiotex

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 
 namespace oiiotex {
@@ -12,6 +13,7 @@ namespace {
 
 const char* const depths[]     = { "OfxBitDepthFloat", "OfxBitDepthHalf", "OfxBitDepthByte" };
 const char* const components[] = { "OfxImageComponentRGBA", "OfxImageComponentRGB", "OfxImageComponentAlpha" };
+const char* const premultiplication = "OfxImageEffectPropPreMultiplication";
 const char* const no_space     = "no color space: choose that of Source in colorspace; for maps other than color, set data";
 
 std::string number(double value)
@@ -54,12 +56,20 @@ size_t nearest_option(const Json& options, size_t chosen, double scale)
     return best;
 }
 
+// The color config: that of a host of OpenFX 1.5, else $OCIO; empty: the built-in one.
+std::string config_of(const Effect& effect)
+{
+    const std::string of_host = effect.properties().text("OfxImageEffectPropOCIOConfig");
+    const char* const set     = std::getenv("OCIO");
+    return of_host.empty() && set ? set : of_host;
+}
+
 // The process for the color config of an effect's host. Never destroyed: hosts may render while they exit.
 Process& process_of(const Effect& effect)
 {
     static std::mutex lock;
     static auto& processes   = *new std::map<std::string, std::unique_ptr<Process>>;
-    const std::string config = effect.properties().text("OfxImageEffectPropOCIOConfig");
+    const std::string config = config_of(effect);
     std::lock_guard<std::mutex> guard(lock);
     auto& process = processes[config];
     if (!process) {
@@ -147,24 +157,18 @@ Properties define(const Effect& effect, const Json& parameter)
     const Properties own   = effect.define_parameter(types.at(type), parameter.at("name"));
     own.set("OfxPropLabel", parameter.at("label").get<std::string>());
     own.set("OfxParamPropHint", parameter.at("help").get<std::string>());
+    const bool listed = parameter.at("name") != "spaces" || !std::getenv("OCIO");  // else instances list those of $OCIO
     if (type == "choice")
-        for (size_t n = 0; n < parameter.at("options").size(); ++n)
+        for (size_t n = 0; n < (listed ? parameter.at("options").size() : 1); ++n)
             own.set("OfxParamPropChoiceOption", parameter.at("options").at(n).get<std::string>(), int(n));
     if (type == "string")
         own.set("OfxParamPropDefault", parameter.at("default").get<std::string>());
-    else if (type == "float")
-        for (const auto& [name, key] : { std::pair("OfxParamPropDefault", "default"), { "OfxParamPropMin", "min" },
-                                         { "OfxParamPropDisplayMin", "min" }, { "OfxParamPropMax", "max" },
-                                         { "OfxParamPropDisplayMax", "shown" } })
-            own.set(name, parameter.at(key).get<double>());
-    else if (type != "button")
-        for (int n = 0; n < (type == "size" ? 2 : 1); ++n)
-            own.set("OfxParamPropDefault", parameter.at("default").get<int>(), n);
-    if (type == "int" || type == "size")
-        for (int n = 0; n < (type == "size" ? 2 : 1); ++n)
-            for (const auto& [name, key] : { std::pair("OfxParamPropMin", "min"), { "OfxParamPropDisplayMin", "min" },
-                                             { "OfxParamPropMax", "max" }, { "OfxParamPropDisplayMax", "shown" } })
-                own.set(name, parameter.at(key).get<int>(), n);
+    for (const auto& [name, key] : { std::pair("OfxParamPropDefault", "default"), { "OfxParamPropMin", "min" },
+                                     { "OfxParamPropDisplayMin", "min" }, { "OfxParamPropMax", "max" },
+                                     { "OfxParamPropDisplayMax", "shown" } })
+        for (int n = 0; type != "string" && parameter.contains(key) && n < (type == "size" ? 2 : 1); ++n)
+            type == "float" ? own.set(name, parameter.at(key).get<double>(), n)
+                            : own.set(name, parameter.at(key).get<int>(), n);
     return own;
 }
 
@@ -187,6 +191,8 @@ ofx::Status Node::describe(const Effect& effect) const
                                        { "OfxImageEffectPropSupportsTiles", flag("anywindow") },
                                        { "OfxImageEffectPropTemporalClipAccess", flag("still") } })
         own.set(name, int(value));
+    if (m_facts.at("outputs").size() > 1)
+        own.set("OfxImageEffectPropClipPreferencesSlaveParam", "output");
     own.set("OfxImageEffectPluginRenderThreadSafety", "OfxImageEffectRenderFullySafe");
     own.set("OfxImageEffectPropOpenCLRenderSupported", "false");  // buffers would have to cross processes
     own.set("OfxImageEffectPropColourManagementStyle", "OfxImageEffectColourManagementOCIO");
@@ -237,11 +243,23 @@ ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in
 
 ofx::Status Node::clip_preferences(const Effect& effect, const Properties& out) const
 {
-    if (effect.clip("Source").connected())
-        return ofx::reply_default;
-    out.set("OfxImageClipPropComponents_Output", components[0]);
-    out.set("OfxImageClipPropDepth_Output", depths[0]);
+    const Clip source        = effect.clip("Source");
+    const std::string state  = source.properties.text(premultiplication);
+    const char* const others = output(effect, 0).at("mask") ? "OfxImageAlphaPremultiplied" : "OfxImageOpaque";
+    if (!keeps_space(effect))
+        out.set(premultiplication, others);
+    else if (source.connected() && !state.empty())
+        out.set(premultiplication, state);
+    if (!source.connected()) {
+        out.set("OfxImageClipPropComponents_Output", components[0]);
+        out.set("OfxImageClipPropDepth_Output", depths[0]);
+    }
     return ofx::ok;
+}
+
+bool Node::keeps_space(const Effect& effect) const
+{
+    return flag("keepsspace") && &output(effect, 0) == &m_facts.at("outputs").at(0);
 }
 
 const Json& Node::output(const Effect& effect, double time) const
@@ -343,12 +361,12 @@ std::string Node::line(const Effect& effect, double time) const
     std::string words = "oiiotex", modifiers;
     const std::string space = this->space(effect, time);
     for (const Json& input : m_facts.at("inputs")) {
-        const std::string clip = input.at("clip"), slot = input.at("slot");
-        if (input.at("optional") && effect.clip(clip).connected())
+        const std::string clip = input.at("clip"), slot = input.at("slot"), without = input.at("without");
+        const bool connected = effect.clip(clip).connected();
+        if (!input.at("optional") || !without.empty())
+            words += " " + (connected || without.empty() ? clip + ".exr" : without);
+        else if (connected)
             modifiers += ":" + slot + "=" + clip + ".exr";
-        if (input.at("optional"))
-            continue;
-        words += " " + clip + ".exr";
         if (clip == "Source" && !space.empty())
             words += " --iscolorspace \"" + space + "\"";
     }
@@ -366,8 +384,10 @@ std::string Node::line(const Effect& effect, double time) const
         const std::string text = value;
         modifiers += ":" + name + "=" + (text.find_first_of(": ") == std::string::npos ? text : "\"" + text + "\"");
     }
-    return words + " --tex" + m_facts.at("op").get<std::string>() + modifiers + " -o "
-           + m_facts.at("name").get<std::string>() + ".exr";
+    const Json& shown       = output(effect, time);
+    const std::string matte = shown.at("label") == "Matte" ? " \"" + effect.text("matte", time) + "\"" : "";
+    return words + " --tex" + m_facts.at("op").get<std::string>() + modifiers + shown.at("after").get<std::string>()
+           + matte + " -o " + m_facts.at("name").get<std::string>() + ".exr";
 }
 
 Json Node::plan(const Effect& effect, double time) const
@@ -385,7 +405,7 @@ Json Node::plan(const Effect& effect, double time) const
         const std::string type = type_of(clip.properties);
         result["inputs"].push_back(image_facts(input.at("slot"), whole, whole, channels ? channels : 4,
                                                type.empty() ? "float" : type,
-                                               input.at("mask") ? "" : space(effect, time)));
+                                               input.at("mask") ? "" : space(effect, time), false));
     }
     return result;
 }
@@ -460,14 +480,23 @@ ofx::Status Node::is_identity(const Effect& effect, const Properties& in, const 
 
 ofx::Status Node::output_space(const Effect& effect, const Properties& out) const
 {
-    const bool pixels = &output(effect, 0) == &m_facts.at("outputs").at(0) && flag("keepsspace");
-    out.set("OfxImageClipPropColourspace", pixels ? "OfxColourspace_Source" : "ofx_raw");
+    out.set("OfxImageClipPropColourspace", keeps_space(effect) ? "OfxColourspace_Source" : "ofx_raw");
     return ofx::ok;
 }
 
 ofx::Status Node::created(const Effect& effect) const
 {
     effect.set_text("line", line(effect, 0));
+    if (!config_of(effect).empty())
+        try {
+            Json spaces          = process_of(effect).ask({ { "do", "spaces" } }).facts.at("spaces");
+            const Properties own = effect.parameter_properties("spaces");
+            spaces.insert(spaces.begin(), own.text("OfxParamPropChoiceOption"));
+            own.reset("OfxParamPropChoiceOption");
+            for (size_t n = 0; own && n < spaces.size(); ++n)
+                own.set("OfxParamPropChoiceOption", spaces.at(n).get<std::string>(), int(n));
+        } catch (const Error&) {  // rendering shows it
+        }
     return ofx::ok;
 }
 
@@ -479,9 +508,7 @@ ofx::Status Node::changed(const Effect& effect, const Properties& in) const
     const double time = in.real("OfxPropTime");
     const int chosen  = name == "spaces" ? effect.integer("spaces", time) : 0;
     if (chosen > 0) {
-        for (const Json& parameter : m_facts.at("params"))
-            if (parameter.at("name") == "spaces" && chosen < int(parameter.at("options").size()))
-                effect.set_text("colorspace", parameter.at("options").at(chosen));
+        effect.set_text("colorspace", effect.parameter_properties("spaces").text("OfxParamPropChoiceOption", chosen));
         effect.set_integer("spaces", 0);
     }
     if (name == "check") {
@@ -522,7 +549,7 @@ std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const
     static auto& recent = *new RecentFrames;
     for (const Input& one : images)
         asked["inputs"].push_back(one.facts(one.mask ? "" : space(effect, moment.time)));
-    const std::string key = key_of(asked, images) + effect.properties().text("OfxImageEffectPropOCIOConfig");
+    const std::string key = key_of(asked, images) + config_of(effect);
     if (auto found = recent.find(key))
         return found;
     Process& process = process_of(effect);

@@ -31,6 +31,7 @@ private:
     const Json& m_facts;
 
     bool flag(const char* name) const { return m_facts.at(name); }
+    bool keeps_space(const Effect& effect) const;  // and the state of alpha
     const Json& output(const Effect& effect, double time) const;  // the chosen one
     double frame_of(const Effect& effect, const Json& input, double time) const;
     Json values(const Effect& effect, const Moment& moment) const;     // modifiers of the op that are not defaults
