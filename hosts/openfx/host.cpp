@@ -121,33 +121,17 @@ Properties Effect::parameter_properties(const char* name) const
     return parameter(name, &set) ? Properties(set) : Properties();
 }
 
-std::string Effect::text(const char* name, double time) const
+std::string Effect::text(const std::string& name, double time) const
 {
-    char* value = nullptr;
-    void* found = parameter(name);
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok && value ? value : "";
-}
-
-int Effect::integer(const std::string& name, double time) const
-{
-    int value   = 0;
-    void* found = parameter(name.c_str());
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok ? value : 0;
-}
-
-double Effect::real(const std::string& name, double time) const
-{
-    double value = 0;
-    void* found  = parameter(name.c_str());
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok ? value : 0;
+    const char* const value = this->value<char*>(name, time);
+    return value ? value : "";
 }
 
 void Effect::pair(const std::string& name, double time, int* x, int* y) const
 {
-    *x = *y     = 0;
-    void* found = parameter(name.c_str());
-    if (found && suites.parameter->value_at(found, time, x, y) != ofx::ok)
-        *x = *y = 0;
+    *x = *y = 0;
+    if (void* found = parameter(name.c_str()))
+        suites.parameter->value_at(found, time, x, y);
 }
 
 void Effect::set_text(const char* name, const std::string& value) const

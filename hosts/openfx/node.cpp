@@ -81,34 +81,12 @@ Process& process_of(const Effect& effect)
     return *process;
 }
 
-// Where the pixels of requests lie, by the request without pixels: hosts ask often.
-class Places {
-public:
-    bool find(const std::string& plan, Json* place)
-    {
-        std::lock_guard<std::mutex> guard(m_lock);
-        const auto found = m_places.find(plan);
-        if (found != m_places.end())
-            *place = found->second;
-        return found != m_places.end();
-    }
-    void keep(const std::string& plan, const Json& place)
-    {
-        std::lock_guard<std::mutex> guard(m_lock);
-        if (m_places.size() > 1000)
-            m_places.clear();
-        m_places[plan] = place;
-    }
-    static Places& get()
-    {
-        static auto& places = *new Places;
-        return places;
-    }
-
-private:
-    std::mutex m_lock;
-    std::map<std::string, Json> m_places;
-};
+// Where the pixels of requests lie, by the request without pixels: hosts ask often. Never destroyed.
+Recent<Json>& places()
+{
+    static auto& kept = *new Recent<Json>(1000);
+    return kept;
+}
 
 // Tells the host how far a request is; its dialog appears with the first report.
 class ProgressBar {
@@ -174,7 +152,7 @@ Properties define(const Effect& effect, const Json& parameter)
 
 }  // namespace
 
-ofx::Status Node::describe(const Effect& effect) const
+ofx::Status Node::describe(const Effect& effect, const Properties&, const Properties&) const
 {
     const Properties own = effect.properties();
     own.set("OfxPropLabel", m_facts.at("label").get<std::string>());
@@ -200,7 +178,7 @@ ofx::Status Node::describe(const Effect& effect) const
     return ofx::ok;
 }
 
-ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in) const
+ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in, const Properties&) const
 {
     const std::string context = in.text("OfxImageEffectPropContext");
     const Properties output   = effect.define_clip("Output");
@@ -241,7 +219,7 @@ ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in
     return ofx::ok;
 }
 
-ofx::Status Node::clip_preferences(const Effect& effect, const Properties& out) const
+ofx::Status Node::clip_preferences(const Effect& effect, const Properties&, const Properties& out) const
 {
     const Clip source        = effect.clip("Source");
     const std::string state  = source.properties.text(premultiplication);
@@ -303,7 +281,7 @@ Json Node::values(const Effect& effect, const Moment& moment) const
                 result[name] = std::to_string(std::max(1L, std::lround(width * moment.scale_x))) + "x"
                                + std::to_string(std::max(1L, std::lround(height * moment.scale_y)));
         } else if (type == "string") {
-            const std::string text = effect.text(name.c_str(), time);
+            const std::string text = effect.text(name, time);
             if (text != parameter.at("default"))
                 result[name] = px == 1 ? text : scaled_list(text, px);
         } else {
@@ -423,16 +401,15 @@ ofx::Status Node::region_of_definition(const Effect& effect, const Properties& i
     auto region       = source.connected() ? source.definition(frame_of(effect, first, time)) : std::nullopt;
     if (!region)
         return ofx::reply_default;
-    Json asked = plan(effect, time), facts;
+    Json asked             = plan(effect, time);
     const std::string text = asked.dump();
-    if (!lacks_space(effect, time) && !Places::get().find(text, &facts)) {
+    Json facts             = places().find(text).value_or(Json());
+    if (facts.is_null() && !lacks_space(effect, time))
         try {
             asked["do"] = "plan";
-            facts       = process_of(effect).ask(asked, {}, [&](double) { return !effect.aborted(); }).facts;
-            Places::get().keep(text, facts);
+            facts = places().keep(text, process_of(effect).ask(asked, {}, [&](double) { return !effect.aborted(); }).facts);
         } catch (const Error&) {  // rendering shows it
         }
-    }
     if (facts.contains("place")) {
         const auto place = facts.at("place").get<std::array<int, 4>>(), full = facts.at("full").get<std::array<int, 4>>();
         const double aspect = source.properties.real("OfxImagePropPixelAspectRatio", 0, 1);
@@ -478,13 +455,13 @@ ofx::Status Node::is_identity(const Effect& effect, const Properties& in, const 
     return ofx::ok;
 }
 
-ofx::Status Node::output_space(const Effect& effect, const Properties& out) const
+ofx::Status Node::output_space(const Effect& effect, const Properties&, const Properties& out) const
 {
     out.set("OfxImageClipPropColourspace", keeps_space(effect) ? "OfxColourspace_Source" : "ofx_raw");
     return ofx::ok;
 }
 
-ofx::Status Node::created(const Effect& effect) const
+ofx::Status Node::created(const Effect& effect, const Properties&, const Properties&) const
 {
     effect.set_text("line", line(effect, 0));
     if (!config_of(effect).empty())
@@ -493,14 +470,14 @@ ofx::Status Node::created(const Effect& effect) const
             const Properties own = effect.parameter_properties("spaces");
             spaces.insert(spaces.begin(), own.text("OfxParamPropChoiceOption"));
             own.reset("OfxParamPropChoiceOption");
-            for (size_t n = 0; own && n < spaces.size(); ++n)
+            for (size_t n = 0; n < spaces.size(); ++n)
                 own.set("OfxParamPropChoiceOption", spaces.at(n).get<std::string>(), int(n));
         } catch (const Error&) {  // rendering shows it
         }
     return ofx::ok;
 }
 
-ofx::Status Node::changed(const Effect& effect, const Properties& in) const
+ofx::Status Node::changed(const Effect& effect, const Properties& in, const Properties&) const
 {
     const std::string name = in.text("OfxPropName");
     if (in.text("OfxPropChangeReason") != "OfxChangeUserEdited" || name == "line" || name == "verdict")
@@ -546,12 +523,12 @@ std::vector<Input> Node::inputs(const Effect& effect, double time) const
 std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const std::vector<Input>& images,
                                          const Moment& moment) const
 {
-    static auto& recent = *new RecentFrames;
+    static auto& recent = *new Recent<std::shared_ptr<const Frame>>(4);  // a viewer that pans asks no process
     for (const Input& one : images)
         asked["inputs"].push_back(one.facts(one.mask ? "" : space(effect, moment.time)));
     const std::string key = key_of(asked, images) + config_of(effect);
-    if (auto found = recent.find(key))
-        return found;
+    if (const auto found = recent.find(key))
+        return *found;
     Process& process = process_of(effect);
     ProgressBar bar(effect);
     std::vector<Sent> sent;
@@ -572,7 +549,7 @@ std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const
     }
 }
 
-ofx::Status Node::render(const Effect& effect, const Properties& in) const
+ofx::Status Node::render(const Effect& effect, const Properties& in, const Properties&) const
 {
     const Moment moment { in.real("OfxPropTime"), in.real("OfxImageEffectPropRenderScale", 0, 1),
                           in.real("OfxImageEffectPropRenderScale", 1, 1) };
@@ -612,7 +589,7 @@ ofx::Status Node::render(const Effect& effect, const Properties& in) const
         corner.x1 += place[0] - full[0];
         corner.y1 += full[1] + full[3] - (place[1] + place[3]);
         if (moment.scale_x == 1)
-            Places::get().keep(plan(effect, moment.time).dump(), made->facts);
+            places().keep(plan(effect, moment.time).dump(), made->facts);
     }
     made->copy(corner.x1, corner.y1, out, window);
     effect.clear_error();
