@@ -32,8 +32,8 @@ _WITHOUT = {
 }  # fmt: skip
 _STILL = ("Tile", "Synthesize", "Quilt")  # from one frame of a shot, so that the texture does not change in each frame
 _MASKS = ("mask", "region")
-# words of a line for a required image whose clip is not connected: the transparent part of Source is the region
-_INSTEAD = {"region": "--dup --ch A --invert"}
+# words of a line for a required image whose clip is not connected: what is not opaque in Source is the region
+_INSTEAD = {"region": "--dup --ch A --invert --mulc 1000"}
 _MOST = (1 << 31) - 1  # parameters of hosts are 32-bit integers
 
 

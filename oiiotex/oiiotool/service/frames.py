@@ -165,7 +165,7 @@ def _unpremultiplied(pixels: np.ndarray, alpha: int) -> np.ndarray:
 
 
 def _transparency(image: Image) -> Image:
-    """A mask of the transparent part of an image."""
+    """A mask of the pixels of an image that are not opaque, as a host's line makes it (tools/openfx.py)."""
     part, alpha = image.first, image.first.spec.alpha_channel
     if alpha < 0:
         raise ImageError("the clip Region is not connected, and Source has no alpha: expected one of them")
@@ -174,7 +174,7 @@ def _transparency(image: Image) -> Image:
         spec.nchannels, spec.channelnames, spec.alpha_channel = 1, ("Y",), -1
 
     def fetch(window: Window) -> np.ndarray:
-        return 1 - _floats(part.read(window)[..., alpha : alpha + 1])
+        return 1000 * (1 - _floats(part.read(window)[..., alpha : alpha + 1]))
 
     mask = part.respecced(change)
     mask.spec.set_format(oiio.TypeDesc("float"))
