@@ -59,6 +59,8 @@ public:
     Value keep(const std::string& key, const Value& value)
     {
         std::lock_guard<std::mutex> guard(m_lock);
+        const auto same = [&](const auto& one) { return one.first == key; };
+        m_values.erase(std::remove_if(m_values.begin(), m_values.end(), same), m_values.end());
         if (m_values.size() == m_most)
             m_values.erase(m_values.begin());
         return m_values.emplace_back(key, value).second;

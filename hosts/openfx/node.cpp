@@ -339,12 +339,12 @@ std::string Node::line(const Effect& effect, double time) const
     std::string words = "oiiotex", modifiers;
     const std::string space = this->space(effect, time);
     for (const Json& input : m_facts.at("inputs")) {
-        const std::string clip = input.at("clip"), slot = input.at("slot"), without = input.at("without");
+        const std::string clip = input.at("clip"), without = input.at("without");
         const bool connected = effect.clip(clip).connected();
         if (!input.at("optional") || !without.empty())
             words += " " + (connected || without.empty() ? clip + ".exr" : without);
         else if (connected)
-            modifiers += ":" + slot + "=" + clip + ".exr";
+            modifiers += ":" + input.at("slot").get<std::string>() + "=" + clip + ".exr";
         if (clip == "Source" && !space.empty())
             words += " --iscolorspace \"" + space + "\"";
     }
