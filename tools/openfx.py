@@ -27,8 +27,8 @@ NODES = {
 # what a node does not have: several images, label parts of its inputs, files, parts of more than four channels, and the
 # window, which the host asks for
 _WITHOUT = {
-    "drift", "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte", "membership", "onepart", "pack",
-    "photo", "replace", "resume", "variants", "window",
+    "drift", "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte", "membership",
+    "onepart", "pack", "photo", "replace", "resume", "variants", "window",
 }  # fmt: skip
 _STILL = ("Tile", "Synthesize", "Quilt")  # from one frame of a shot, so that the texture does not change in each frame
 _MASKS = ("mask", "region")
@@ -71,7 +71,11 @@ def _first_parameters(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:
         words = "Label whose matte is shown: its level, the finest is 1, and its id. A wrong name lists some."
         first.append(_of_node("matte", "string", words, default="label.1/1"))
     listed = _of_node(
-        "spaces", "choice", "Write a name of the config into colorspace.", told=True, options=["choose ...", *ColorConfig(DEFAULT_CONFIG).roles_and_spaces()]
+        "spaces",
+        "choice",
+        "Write a name of the config into colorspace.",
+        told=True,
+        options=["choose ...", *ColorConfig(DEFAULT_CONFIG).roles_and_spaces()],
     )
     return [*first, _of_node("colorspace", "string", space), listed]
 

@@ -380,10 +380,9 @@ Json Node::plan(const Effect& effect, double time) const
         const ofx::RectI whole { 0, 0, int(std::lround((region->x2 - region->x1) / (aspect > 0 ? aspect : 1))),
                                  int(std::lround(region->y2 - region->y1)) };
         const int channels = input.at("mask") ? 1 : channels_of(clip.properties);
-        const std::string type = type_of(clip.properties);
+        const std::string type = type_of(clip.properties), of_color = input.at("mask") ? "" : space(effect, time);
         result["inputs"].push_back(image_facts(input.at("slot"), whole, whole, channels ? channels : 4,
-                                               type.empty() ? "float" : type,
-                                               input.at("mask") ? "" : space(effect, time), false));
+                                               type.empty() ? "float" : type, of_color, false));
     }
     return result;
 }

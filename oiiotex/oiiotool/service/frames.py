@@ -75,7 +75,9 @@ def frame(job: DeviceJob, asked: dict[str, Any], arrays: list[np.ndarray] | tupl
     part of the result; and the `channels` and the `type` of the host's pixels.
     """
     progress = Progress(job.advance, measure=bool(asked.get("measure")))
-    images = [_premultiplied(image_of(one["image"], [array])) for one, array in zip(asked["inputs"], arrays, strict=True)]
+    images = [
+        _premultiplied(image_of(one["image"], [array])) for one, array in zip(asked["inputs"], arrays, strict=True)
+    ]
     op, session = _op(asked, images), session.telling(progress)
     results = session.resources.on_a_device(lambda: run(op, session))
     part = _part(results[0].image, asked["part"])

@@ -11,8 +11,8 @@ import OpenImageIO as oiio
 import pytest
 
 from tests.conftest import data_folder, load, run_in, save
-from tests.hosts.openfx.conftest import SPACE, edited, region, rendered, with_source
-from tests.hosts.openfx.host import OK, Host, Image, Node
+from tests.hosts.openfx.conftest import edited, rendered, with_source
+from tests.hosts.openfx.host import OK, Host, Node
 
 WIDTH, HEIGHT = 96, 64
 PHOTOS = ("pebbles_beach_shadow.jpg", "castle_brick_broken.jpg", "moss_grass_stones_ground.jpg")

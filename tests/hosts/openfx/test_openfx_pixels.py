@@ -84,7 +84,9 @@ def test_a_fill_without_region_fills_what_is_transparent(host: Host):
     pixels = photo() * alpha
     node = with_source(host, "Fill", pixels, "Filter", **VALUES["Fill"])
     found = rendered(host, node)
-    np.testing.assert_array_equal(found, of_filter("Fill", buffer(pixels), buffer(np.float32(alpha < 1), ""), **VALUES["Fill"]))
+    np.testing.assert_array_equal(
+        found, of_filter("Fill", buffer(pixels), buffer(np.float32(alpha < 1), ""), **VALUES["Fill"])
+    )
     assert (found[..., 3] == 1).all() and (found[20:36, 30:51] != pixels[20:36, 30:51]).any(-1).all()
     eight = np.rint(pixels * 255).astype(np.uint8)
     node.clips["Source"].connect(Image(host, eight))
