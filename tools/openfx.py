@@ -27,8 +27,8 @@ NODES = {
 # what a node does not have: several images, label parts of its inputs, files, parts of more than four channels, and the
 # window, which the host asks for
 _WITHOUT = {
-    "drift", "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte", "membership",
-    "onepart", "pack", "photo", "replace", "resume", "variants", "window",
+    "drift", "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte",
+    "membership", "onepart", "pack", "photo", "replace", "resume", "variants", "window",
 }  # fmt: skip
 _STILL = ("Tile", "Synthesize", "Quilt")  # from one frame of a shot, so that the texture does not change in each frame
 _MASKS = ("mask", "region")
