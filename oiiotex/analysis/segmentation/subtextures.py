@@ -177,7 +177,7 @@ def decomposed_tile(
     pixels: LabPixels, tiled: str, settings: DecompositionSettings, resources: Resources,
     advance: Callable[[int, int], None],
 ) -> Decomposition:  # fmt: skip
-    """The subtextures of an image that tiles along these axes, from `surroundings` beyond its borders, too."""
+    """The subtextures of an image that tiles along these axes, and from `surroundings` beyond its borders."""
     pads = [(around, around) for around in surroundings(tiled, settings)]
     lab, seen = np.pad(pixels.lab, [*pads, (0, 0)], "wrap"), np.pad(pixels.seen, pads, "wrap")
     split = decomposed(replace(pixels, lab=lab, seen=seen), settings, resources, advance)

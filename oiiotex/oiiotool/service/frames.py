@@ -139,7 +139,7 @@ def _place(part: Part) -> dict[str, Any]:
 
 
 def _is_unpremultiplied(asked: dict[str, Any]) -> bool:
-    """Whether the host's first image is, so that the result must be, too."""
+    """Whether the host's first image is, so that the result must also be."""
     part = asked["inputs"][0]["image"]["parts"][0]
     return any(name == _UNASSOCIATED for name, *_ in part["attributes"])
 
