@@ -91,8 +91,10 @@ dist: $(VENV)/release/made  # wheels and source archives of the last commit, bui
 plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
 	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio
 
-openfx-wheel: $(VENV)/release/made  # the OpenFX plugin as a wheel, into dist/
-	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openfx
+openfx-wheel: $(VENV)/release/made  # the OpenFX plugin as a wheel for glibc 2.28, built by Zig, into dist/
+	CXX="$(abspath $(RELEASE))/python -m ziglang c++ -target x86_64-linux-gnu.2.28" \
+	  $(RELEASE)/python -m build --installer uv --wheel --outdir build/openfx hosts/openfx
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/auditwheel repair --plat manylinux_2_28_x86_64 -w dist build/openfx/*.whl
 
 constraints: $(VENV)/release/made  # renew the tested versions of all dependencies
 	echo . "$(STUDIO)" | tr ' ' '\n' | $(RELEASE)/uv pip compile -q --universal --python-version 3.11 --no-header \

@@ -11,11 +11,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.color.config import DEFAULT_CONFIG
+from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.engine.core.access import AnyWindow
 from oiiotex.engine.core.op import Kind, Op, Space
 from oiiotex.engine.core.parameters import Numbers, Parameter, Size, Words, declared
-from oiiotex.engine.deferred import ocio
 from oiiotex.filters import op_named
 from oiiotex.oiiotool.cli.printing.report import description, on_a_line
 
@@ -25,13 +24,16 @@ NODES = {
     "Labels": "label", "DominantMask": "dominant", "Height": "estimateheight", "Rectify": "rectify",
     "Preview": "preview",
 }  # fmt: skip
-# what a node does not have: several images, label parts of its inputs, files, and the window, which the host asks for
+# what a node does not have: several images, label parts of its inputs, files, parts of more than four channels, and the
+# window, which the host asks for
 _WITHOUT = {
-    "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte", "onepart", "pack",
-    "photo", "replace", "resume", "variants", "window",
+    "drift", "fail", "keeplayout", "kinds", "label", "labellevel", "labelmaps", "lod", "mapweights", "matte",
+    "membership", "onepart", "pack", "photo", "replace", "resume", "variants", "window",
 }  # fmt: skip
 _STILL = ("Tile", "Synthesize", "Quilt")  # from one frame of a shot, so that the texture does not change in each frame
 _MASKS = ("mask", "region")
+# words of a line for a required image whose clip is not connected: what is not opaque in Source is the region
+_INSTEAD = {"region": "--dup --ch A --invert --mulc 1000"}
 _MOST = (1 << 31) - 1  # parameters of hosts are 32-bit integers
 
 
@@ -66,17 +68,16 @@ def _first_parameters(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:
         words = " ".join(f"{one['label']}: {one['help']}" for one in outputs)
         first.append(_of_node("output", "choice", words, options=[one["label"] for one in outputs]))
     if outputs[-1]["label"] == "Matte":
-        first.append(_of_node("matte", "string", "Label whose matte is shown, by its id.", default="1"))
+        words = "Label whose matte is shown: its level, the finest is 1, and its id. A wrong name lists some."
+        first.append(_of_node("matte", "string", words, default="label.1/1"))
     listed = _of_node(
-        "spaces", "choice", "Write a name into colorspace.", told=True, options=["choose ...", *_spaces()]
+        "spaces",
+        "choice",
+        "Write a name of the config into colorspace.",
+        told=True,
+        options=["choose ...", *ColorConfig(DEFAULT_CONFIG).roles_and_spaces()],
     )
     return [*first, _of_node("colorspace", "string", space), listed]
-
-
-def _spaces() -> list[str]:
-    """Roles and color spaces of the built-in config."""
-    config = ocio.Config.CreateFromFile(DEFAULT_CONFIG)
-    return [*config.getRoleNames(), *(space.getName() for space in config.getColorSpaces())]
 
 
 def table() -> dict[str, Any]:
@@ -125,7 +126,8 @@ def _input(number: int, image: Parameter, op: type[Op]) -> dict[str, Any]:
     return {
         "clip": image.name.capitalize() if number else "Source",
         "slot": image.name,
-        "optional": not image.required,
+        "optional": not image.required or image.name in _INSTEAD,
+        "without": _INSTEAD.get(image.name, ""),
         "mask": image.name in _MASKS,
         "help": on_a_line(image.help, op, "'"),
     }
@@ -141,6 +143,7 @@ def _outputs(op: type[Op]) -> list[dict[str, Any]]:
             "label": output.name.removesuffix(".N").capitalize(),
             "part": output.name.removesuffix("N"),
             "ask": output.asked_by,
+            "after": f" --subimage {output.name}" if output.asked_by else "",
             "mask": output.kind is Kind.MASK,
             "help": output.help,
         }
@@ -148,8 +151,8 @@ def _outputs(op: type[Op]) -> list[dict[str, Any]]:
         if not output.asked_by or output.asked_by not in _WITHOUT
     ]
     if op.name == "label":
-        matte = {"label": "Matte", "part": "label.", "ask": "", "mask": True, "help": "Matte of one label."}
-        outputs.append(matte)
+        matte = {"label": "Matte", "part": "cryptomatte", "ask": "cryptomatte", "mask": True}
+        outputs.append(matte | {"after": " --cryptomatte-unfold", "help": "Matte of one label, by its name."})
     return outputs
 
 

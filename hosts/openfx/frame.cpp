@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "frame.h"
 
-#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstdio>
@@ -20,8 +19,6 @@ uint64_t folded(uint64_t a, uint64_t b)
     const unsigned __int128 product = static_cast<unsigned __int128>(a) * b;
     return uint64_t(product) ^ uint64_t(product >> 64);
 }
-
-constexpr size_t most_recent = 4;  // frames; the process keeps many more
 
 constexpr uint64_t salts[4] = { 0x9e3779b97f4a7c15, 0xc2b2ae3d27d4eb4f, 0x165667b19e3779f9, 0xd6e8feb86659fd93 };
 
@@ -81,7 +78,7 @@ void fill(const HostImage& out, const ofx::RectI& window, const ofx::RectI& area
 }  // namespace
 
 Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::RectI& whole, int channels,
-                 const std::string& type, const std::string& space)
+                 const std::string& type, const std::string& space, bool unpremultiplied)
 {
     Json names = channels == 1 ? Json { "Y" } : Json { "R", "G", "B" };
     if (channels == 4)
@@ -89,6 +86,8 @@ Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::R
     Json attributes = Json::array();
     if (!space.empty())
         attributes.push_back({ "oiio:ColorSpace", "string", space });
+    if (unpremultiplied)
+        attributes.push_back({ "oiio:UnassociatedAlpha", "int", 1 });
     const Json place { bounds.x1 - whole.x1, whole.y2 - bounds.y2, bounds.x2 - bounds.x1, bounds.y2 - bounds.y1,
                        0, 0, whole.x2 - whole.x1, whole.y2 - whole.y1 };
     const Json part { { "name", slot },     { "place", place }, { "type", type },
@@ -99,7 +98,8 @@ Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::R
 
 Json Input::facts(const std::string& space) const
 {
-    return image_facts(slot, image.bounds, image.definition, mask ? 1 : image.channels, image.type, space);
+    return image_facts(slot, image.bounds, image.definition, mask ? 1 : image.channels, image.type, space,
+                       image.unpremultiplied && !mask);
 }
 
 void Input::add_to(uint64_t hash[2]) const
@@ -169,25 +169,6 @@ void Frame::copy(int x, int y, const HostImage& out, const ofx::RectI& window) c
         const size_t at = size_t(y + height - 1 - row) * width + left - x;
         std::memcpy(to, m_pixels.get() + at * out.pixel_bytes, count * out.pixel_bytes);
     });
-}
-
-std::shared_ptr<const Frame> RecentFrames::find(const std::string& key)
-{
-    std::lock_guard<std::mutex> guard(m_lock);
-    const auto found = std::find_if(m_frames.begin(), m_frames.end(), [&](const auto& one) { return one.first == key; });
-    if (found == m_frames.end())
-        return nullptr;
-    std::rotate(found, found + 1, m_frames.end());
-    return m_frames.back().second;
-}
-
-std::shared_ptr<const Frame> RecentFrames::keep(const std::string& key, std::shared_ptr<const Frame> frame)
-{
-    std::lock_guard<std::mutex> guard(m_lock);
-    if (m_frames.size() == most_recent)
-        m_frames.erase(m_frames.begin());
-    m_frames.emplace_back(key, frame);
-    return frame;
 }
 
 void copy_image(const HostImage& from, const HostImage& out, const ofx::RectI& window)

@@ -5,13 +5,14 @@
 #include "../openimageio/resident.h"
 #include "host.h"
 
+#include <algorithm>
 #include <memory>
 
 namespace oiiotex {
 
 // The facts of an image, as in service/pictures.py: pixels `bounds` of an image whose region is `whole`.
 Json image_facts(const std::string& slot, const ofx::RectI& bounds, const ofx::RectI& whole, int channels,
-                 const std::string& type, const std::string& space);
+                 const std::string& type, const std::string& space, bool unpremultiplied);
 
 // An image of a clip as the process gets it.
 struct Input {
@@ -41,15 +42,34 @@ private:
     std::shared_ptr<const char> m_pixels;
 };
 
-// The frames that were used last, so that a viewer that pans need not even ask the process.
-class RecentFrames {
+// The values that were used last, by key. Thread-safe.
+template<typename Value> class Recent {
 public:
-    std::shared_ptr<const Frame> find(const std::string& key);  // or nullptr
-    std::shared_ptr<const Frame> keep(const std::string& key, std::shared_ptr<const Frame> frame);
+    explicit Recent(size_t most) : m_most(most) {}
+
+    std::optional<Value> find(const std::string& key)
+    {
+        std::lock_guard<std::mutex> guard(m_lock);
+        const auto found = std::find_if(m_values.begin(), m_values.end(), [&](const auto& one) { return one.first == key; });
+        if (found == m_values.end())
+            return std::nullopt;
+        std::rotate(found, found + 1, m_values.end());
+        return m_values.back().second;
+    }
+    Value keep(const std::string& key, const Value& value)
+    {
+        std::lock_guard<std::mutex> guard(m_lock);
+        const auto same = [&](const auto& one) { return one.first == key; };
+        m_values.erase(std::remove_if(m_values.begin(), m_values.end(), same), m_values.end());
+        if (m_values.size() == m_most)
+            m_values.erase(m_values.begin());
+        return m_values.emplace_back(key, value).second;
+    }
 
 private:
+    const size_t m_most;
     std::mutex m_lock;
-    std::vector<std::pair<std::string, std::shared_ptr<const Frame>>> m_frames;  // the last used is the last
+    std::vector<std::pair<std::string, Value>> m_values;  // the last used is the last
 };
 
 // Copy an image into the window of another one of the same channels and type; 0 elsewhere.

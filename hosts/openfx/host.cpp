@@ -63,6 +63,7 @@ HostImage::HostImage(void* clip, double time, const ofx::RectD* region)
         definition = whole;
     channels    = channels_of(own);
     type        = type_of(own);
+    unpremultiplied = channels == 4 && own.text("OfxImageEffectPropPreMultiplication") == "OfxImageAlphaUnPremultiplied";
     pixel_bytes = channels * (type == "float" ? 4 : type == "half" ? 2 : type == "uint8");
     m_data      = static_cast<char*>(own.pointer("OfxImagePropData"));
     m_stride    = own.integer("OfxImagePropRowBytes");
@@ -107,40 +108,30 @@ Clip Effect::clip(const std::string& name) const
     return { clip, Properties(set) };
 }
 
-void* Effect::parameter(const char* name) const
+void* Effect::parameter(const char* name, void** properties) const
 {
     void *parameters = nullptr, *found = nullptr;
     suites.effect->parameters(m_handle, &parameters);
-    return suites.parameter->parameter(parameters, name, &found, nullptr) == ofx::ok ? found : nullptr;
+    return suites.parameter->parameter(parameters, name, &found, properties) == ofx::ok ? found : nullptr;
 }
 
-std::string Effect::text(const char* name, double time) const
+Properties Effect::parameter_properties(const char* name) const
 {
-    char* value = nullptr;
-    void* found = parameter(name);
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok && value ? value : "";
+    void* set = nullptr;
+    return parameter(name, &set) ? Properties(set) : Properties();
 }
 
-int Effect::integer(const std::string& name, double time) const
+std::string Effect::text(const std::string& name, double time) const
 {
-    int value   = 0;
-    void* found = parameter(name.c_str());
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok ? value : 0;
-}
-
-double Effect::real(const std::string& name, double time) const
-{
-    double value = 0;
-    void* found  = parameter(name.c_str());
-    return found && suites.parameter->value_at(found, time, &value) == ofx::ok ? value : 0;
+    const char* const value = this->value<char*>(name, time);
+    return value ? value : "";
 }
 
 void Effect::pair(const std::string& name, double time, int* x, int* y) const
 {
-    *x = *y     = 0;
-    void* found = parameter(name.c_str());
-    if (found && suites.parameter->value_at(found, time, x, y) != ofx::ok)
-        *x = *y = 0;
+    *x = *y = 0;
+    if (void* found = parameter(name.c_str()))
+        suites.parameter->value_at(found, time, x, y);
 }
 
 void Effect::set_text(const char* name, const std::string& value) const

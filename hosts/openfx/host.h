@@ -28,12 +28,12 @@ public:
     void set(const char* name, const std::string& value, int index = 0) const { set(name, value.c_str(), index); }
     void set(const char* name, int value, int index = 0) const { suites.property->set_int(m_set, name, index, value); }
     void set(const char* name, double value, int index = 0) const { suites.property->set_double(m_set, name, index, value); }
+    void reset(const char* name) const { suites.property->reset(m_set, name); }
     std::string text(const char* name, int index = 0) const;
     int integer(const char* name, int index = 0, int other = 0) const;
     double real(const char* name, int index = 0, double other = 0) const;
     void* pointer(const char* name) const;
     ofx::RectI rectangle(const char* name) const;
-    explicit operator bool() const { return m_set; }
 
 private:
     void* m_set;
@@ -49,6 +49,7 @@ public:
     ofx::RectI bounds {}, definition {};
     int channels = 0;  // as of channels_of and type_of
     std::string type;
+    bool unpremultiplied = false;
     size_t pixel_bytes = 0;
 
     HostImage(void* clip, double time, const ofx::RectD* region);
@@ -79,10 +80,11 @@ public:
     Properties define_parameter(const char* type, const std::string& name) const;
     Clip clip(const std::string& name) const;
 
-    std::string text(const char* parameter, double time) const;
-    int integer(const std::string& parameter, double time) const;
-    double real(const std::string& parameter, double time) const;
+    std::string text(const std::string& parameter, double time) const;
+    int integer(const std::string& parameter, double time) const { return value<int>(parameter, time); }
+    double real(const std::string& parameter, double time) const { return value<double>(parameter, time); }
     void pair(const std::string& parameter, double time, int* x, int* y) const;
+    Properties parameter_properties(const char* name) const;
     void set_text(const char* parameter, const std::string& value) const;
     void set_integer(const char* parameter, int value) const;
 
@@ -94,7 +96,16 @@ public:
 private:
     void* m_handle;
 
-    void* parameter(const char* name) const;
+    void* parameter(const char* name, void** properties = nullptr) const;
+
+    // 0 or nullptr if the host has no such parameter.
+    template<typename Value> Value value(const std::string& name, double time) const
+    {
+        Value result {};
+        if (void* found = parameter(name.c_str()))
+            suites.parameter->value_at(found, time, &result);
+        return result;
+    }
 };
 
 }  // namespace oiiotex

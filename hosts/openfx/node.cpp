@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 
 namespace oiiotex {
@@ -12,6 +13,7 @@ namespace {
 
 const char* const depths[]     = { "OfxBitDepthFloat", "OfxBitDepthHalf", "OfxBitDepthByte" };
 const char* const components[] = { "OfxImageComponentRGBA", "OfxImageComponentRGB", "OfxImageComponentAlpha" };
+const char* const premultiplication = "OfxImageEffectPropPreMultiplication";
 const char* const no_space     = "no color space: choose that of Source in colorspace; for maps other than color, set data";
 
 std::string number(double value)
@@ -54,12 +56,20 @@ size_t nearest_option(const Json& options, size_t chosen, double scale)
     return best;
 }
 
+// The color config: that of a host of OpenFX 1.5, else $OCIO; empty: the built-in one.
+std::string config_of(const Effect& effect)
+{
+    const std::string of_host = effect.properties().text("OfxImageEffectPropOCIOConfig");
+    const char* const set     = std::getenv("OCIO");
+    return of_host.empty() && set ? set : of_host;
+}
+
 // The process for the color config of an effect's host. Never destroyed: hosts may render while they exit.
 Process& process_of(const Effect& effect)
 {
     static std::mutex lock;
     static auto& processes   = *new std::map<std::string, std::unique_ptr<Process>>;
-    const std::string config = effect.properties().text("OfxImageEffectPropOCIOConfig");
+    const std::string config = config_of(effect);
     std::lock_guard<std::mutex> guard(lock);
     auto& process = processes[config];
     if (!process) {
@@ -71,34 +81,12 @@ Process& process_of(const Effect& effect)
     return *process;
 }
 
-// Where the pixels of requests lie, by the request without pixels: hosts ask often.
-class Places {
-public:
-    bool find(const std::string& plan, Json* place)
-    {
-        std::lock_guard<std::mutex> guard(m_lock);
-        const auto found = m_places.find(plan);
-        if (found != m_places.end())
-            *place = found->second;
-        return found != m_places.end();
-    }
-    void keep(const std::string& plan, const Json& place)
-    {
-        std::lock_guard<std::mutex> guard(m_lock);
-        if (m_places.size() > 1000)
-            m_places.clear();
-        m_places[plan] = place;
-    }
-    static Places& get()
-    {
-        static auto& places = *new Places;
-        return places;
-    }
-
-private:
-    std::mutex m_lock;
-    std::map<std::string, Json> m_places;
-};
+// Where the pixels of requests lie, by the request without pixels: hosts ask often. Never destroyed.
+Recent<Json>& places()
+{
+    static auto& kept = *new Recent<Json>(1000);
+    return kept;
+}
 
 // Tells the host how far a request is; its dialog appears with the first report.
 class ProgressBar {
@@ -147,30 +135,24 @@ Properties define(const Effect& effect, const Json& parameter)
     const Properties own   = effect.define_parameter(types.at(type), parameter.at("name"));
     own.set("OfxPropLabel", parameter.at("label").get<std::string>());
     own.set("OfxParamPropHint", parameter.at("help").get<std::string>());
+    const bool listed = parameter.at("name") != "spaces" || !std::getenv("OCIO");  // else instances list those of $OCIO
     if (type == "choice")
-        for (size_t n = 0; n < parameter.at("options").size(); ++n)
+        for (size_t n = 0; n < (listed ? parameter.at("options").size() : 1); ++n)
             own.set("OfxParamPropChoiceOption", parameter.at("options").at(n).get<std::string>(), int(n));
     if (type == "string")
         own.set("OfxParamPropDefault", parameter.at("default").get<std::string>());
-    else if (type == "float")
-        for (const auto& [name, key] : { std::pair("OfxParamPropDefault", "default"), { "OfxParamPropMin", "min" },
-                                         { "OfxParamPropDisplayMin", "min" }, { "OfxParamPropMax", "max" },
-                                         { "OfxParamPropDisplayMax", "shown" } })
-            own.set(name, parameter.at(key).get<double>());
-    else if (type != "button")
-        for (int n = 0; n < (type == "size" ? 2 : 1); ++n)
-            own.set("OfxParamPropDefault", parameter.at("default").get<int>(), n);
-    if (type == "int" || type == "size")
-        for (int n = 0; n < (type == "size" ? 2 : 1); ++n)
-            for (const auto& [name, key] : { std::pair("OfxParamPropMin", "min"), { "OfxParamPropDisplayMin", "min" },
-                                             { "OfxParamPropMax", "max" }, { "OfxParamPropDisplayMax", "shown" } })
-                own.set(name, parameter.at(key).get<int>(), n);
+    for (const auto& [name, key] : { std::pair("OfxParamPropDefault", "default"), { "OfxParamPropMin", "min" },
+                                     { "OfxParamPropDisplayMin", "min" }, { "OfxParamPropMax", "max" },
+                                     { "OfxParamPropDisplayMax", "shown" } })
+        for (int n = 0; type != "string" && parameter.contains(key) && n < (type == "size" ? 2 : 1); ++n)
+            type == "float" ? own.set(name, parameter.at(key).get<double>(), n)
+                            : own.set(name, parameter.at(key).get<int>(), n);
     return own;
 }
 
 }  // namespace
 
-ofx::Status Node::describe(const Effect& effect) const
+ofx::Status Node::describe(const Effect& effect, const Properties&, const Properties&) const
 {
     const Properties own = effect.properties();
     own.set("OfxPropLabel", m_facts.at("label").get<std::string>());
@@ -187,6 +169,8 @@ ofx::Status Node::describe(const Effect& effect) const
                                        { "OfxImageEffectPropSupportsTiles", flag("anywindow") },
                                        { "OfxImageEffectPropTemporalClipAccess", flag("still") } })
         own.set(name, int(value));
+    if (m_facts.at("outputs").size() > 1)
+        own.set("OfxImageEffectPropClipPreferencesSlaveParam", "output");
     own.set("OfxImageEffectPluginRenderThreadSafety", "OfxImageEffectRenderFullySafe");
     own.set("OfxImageEffectPropOpenCLRenderSupported", "false");  // buffers would have to cross processes
     own.set("OfxImageEffectPropColourManagementStyle", "OfxImageEffectColourManagementOCIO");
@@ -194,7 +178,7 @@ ofx::Status Node::describe(const Effect& effect) const
     return ofx::ok;
 }
 
-ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in) const
+ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in, const Properties&) const
 {
     const std::string context = in.text("OfxImageEffectPropContext");
     const Properties output   = effect.define_clip("Output");
@@ -235,13 +219,25 @@ ofx::Status Node::describe_in_context(const Effect& effect, const Properties& in
     return ofx::ok;
 }
 
-ofx::Status Node::clip_preferences(const Effect& effect, const Properties& out) const
+ofx::Status Node::clip_preferences(const Effect& effect, const Properties&, const Properties& out) const
 {
-    if (effect.clip("Source").connected())
-        return ofx::reply_default;
-    out.set("OfxImageClipPropComponents_Output", components[0]);
-    out.set("OfxImageClipPropDepth_Output", depths[0]);
+    const Clip source        = effect.clip("Source");
+    const std::string state  = source.properties.text(premultiplication);
+    const char* const others = output(effect, 0).at("mask") ? "OfxImageAlphaPremultiplied" : "OfxImageOpaque";
+    if (!keeps_space(effect))
+        out.set(premultiplication, others);
+    else if (source.connected() && !state.empty())
+        out.set(premultiplication, state);
+    if (!source.connected()) {
+        out.set("OfxImageClipPropComponents_Output", components[0]);
+        out.set("OfxImageClipPropDepth_Output", depths[0]);
+    }
     return ofx::ok;
+}
+
+bool Node::keeps_space(const Effect& effect) const
+{
+    return flag("keepsspace") && &output(effect, 0) == &m_facts.at("outputs").at(0);
 }
 
 const Json& Node::output(const Effect& effect, double time) const
@@ -285,7 +281,7 @@ Json Node::values(const Effect& effect, const Moment& moment) const
                 result[name] = std::to_string(std::max(1L, std::lround(width * moment.scale_x))) + "x"
                                + std::to_string(std::max(1L, std::lround(height * moment.scale_y)));
         } else if (type == "string") {
-            const std::string text = effect.text(name.c_str(), time);
+            const std::string text = effect.text(name, time);
             if (text != parameter.at("default"))
                 result[name] = px == 1 ? text : scaled_list(text, px);
         } else {
@@ -343,12 +339,12 @@ std::string Node::line(const Effect& effect, double time) const
     std::string words = "oiiotex", modifiers;
     const std::string space = this->space(effect, time);
     for (const Json& input : m_facts.at("inputs")) {
-        const std::string clip = input.at("clip"), slot = input.at("slot");
-        if (input.at("optional") && effect.clip(clip).connected())
-            modifiers += ":" + slot + "=" + clip + ".exr";
-        if (input.at("optional"))
-            continue;
-        words += " " + clip + ".exr";
+        const std::string clip = input.at("clip"), without = input.at("without");
+        const bool connected = effect.clip(clip).connected();
+        if (!input.at("optional") || !without.empty())
+            words += " " + (connected || without.empty() ? clip + ".exr" : without);
+        else if (connected)
+            modifiers += ":" + input.at("slot").get<std::string>() + "=" + clip + ".exr";
         if (clip == "Source" && !space.empty())
             words += " --iscolorspace \"" + space + "\"";
     }
@@ -366,8 +362,10 @@ std::string Node::line(const Effect& effect, double time) const
         const std::string text = value;
         modifiers += ":" + name + "=" + (text.find_first_of(": ") == std::string::npos ? text : "\"" + text + "\"");
     }
-    return words + " --tex" + m_facts.at("op").get<std::string>() + modifiers + " -o "
-           + m_facts.at("name").get<std::string>() + ".exr";
+    const Json& shown       = output(effect, time);
+    const std::string matte = shown.at("label") == "Matte" ? " \"" + effect.text("matte", time) + "\"" : "";
+    return words + " --tex" + m_facts.at("op").get<std::string>() + modifiers + shown.at("after").get<std::string>()
+           + matte + " -o " + m_facts.at("name").get<std::string>() + ".exr";
 }
 
 Json Node::plan(const Effect& effect, double time) const
@@ -382,10 +380,9 @@ Json Node::plan(const Effect& effect, double time) const
         const ofx::RectI whole { 0, 0, int(std::lround((region->x2 - region->x1) / (aspect > 0 ? aspect : 1))),
                                  int(std::lround(region->y2 - region->y1)) };
         const int channels = input.at("mask") ? 1 : channels_of(clip.properties);
-        const std::string type = type_of(clip.properties);
+        const std::string type = type_of(clip.properties), of_color = input.at("mask") ? "" : space(effect, time);
         result["inputs"].push_back(image_facts(input.at("slot"), whole, whole, channels ? channels : 4,
-                                               type.empty() ? "float" : type,
-                                               input.at("mask") ? "" : space(effect, time)));
+                                               type.empty() ? "float" : type, of_color, false));
     }
     return result;
 }
@@ -403,16 +400,15 @@ ofx::Status Node::region_of_definition(const Effect& effect, const Properties& i
     auto region       = source.connected() ? source.definition(frame_of(effect, first, time)) : std::nullopt;
     if (!region)
         return ofx::reply_default;
-    Json asked = plan(effect, time), facts;
+    Json asked             = plan(effect, time);
     const std::string text = asked.dump();
-    if (!lacks_space(effect, time) && !Places::get().find(text, &facts)) {
+    Json facts             = places().find(text).value_or(Json());
+    if (facts.is_null() && !lacks_space(effect, time))
         try {
             asked["do"] = "plan";
-            facts       = process_of(effect).ask(asked, {}, [&](double) { return !effect.aborted(); }).facts;
-            Places::get().keep(text, facts);
+            facts = places().keep(text, process_of(effect).ask(asked, {}, [&](double) { return !effect.aborted(); }).facts);
         } catch (const Error&) {  // rendering shows it
         }
-    }
     if (facts.contains("place")) {
         const auto place = facts.at("place").get<std::array<int, 4>>(), full = facts.at("full").get<std::array<int, 4>>();
         const double aspect = source.properties.real("OfxImagePropPixelAspectRatio", 0, 1);
@@ -458,20 +454,29 @@ ofx::Status Node::is_identity(const Effect& effect, const Properties& in, const 
     return ofx::ok;
 }
 
-ofx::Status Node::output_space(const Effect& effect, const Properties& out) const
+ofx::Status Node::output_space(const Effect& effect, const Properties&, const Properties& out) const
 {
-    const bool pixels = &output(effect, 0) == &m_facts.at("outputs").at(0) && flag("keepsspace");
-    out.set("OfxImageClipPropColourspace", pixels ? "OfxColourspace_Source" : "ofx_raw");
+    out.set("OfxImageClipPropColourspace", keeps_space(effect) ? "OfxColourspace_Source" : "ofx_raw");
     return ofx::ok;
 }
 
-ofx::Status Node::created(const Effect& effect) const
+ofx::Status Node::created(const Effect& effect, const Properties&, const Properties&) const
 {
     effect.set_text("line", line(effect, 0));
+    if (!config_of(effect).empty())
+        try {
+            Json spaces          = process_of(effect).ask({ { "do", "spaces" } }).facts.at("spaces");
+            const Properties own = effect.parameter_properties("spaces");
+            spaces.insert(spaces.begin(), own.text("OfxParamPropChoiceOption"));
+            own.reset("OfxParamPropChoiceOption");
+            for (size_t n = 0; n < spaces.size(); ++n)
+                own.set("OfxParamPropChoiceOption", spaces.at(n).get<std::string>(), int(n));
+        } catch (const Error&) {  // rendering shows it
+        }
     return ofx::ok;
 }
 
-ofx::Status Node::changed(const Effect& effect, const Properties& in) const
+ofx::Status Node::changed(const Effect& effect, const Properties& in, const Properties&) const
 {
     const std::string name = in.text("OfxPropName");
     if (in.text("OfxPropChangeReason") != "OfxChangeUserEdited" || name == "line" || name == "verdict")
@@ -479,9 +484,7 @@ ofx::Status Node::changed(const Effect& effect, const Properties& in) const
     const double time = in.real("OfxPropTime");
     const int chosen  = name == "spaces" ? effect.integer("spaces", time) : 0;
     if (chosen > 0) {
-        for (const Json& parameter : m_facts.at("params"))
-            if (parameter.at("name") == "spaces" && chosen < int(parameter.at("options").size()))
-                effect.set_text("colorspace", parameter.at("options").at(chosen));
+        effect.set_text("colorspace", effect.parameter_properties("spaces").text("OfxParamPropChoiceOption", chosen));
         effect.set_integer("spaces", 0);
     }
     if (name == "check") {
@@ -519,12 +522,12 @@ std::vector<Input> Node::inputs(const Effect& effect, double time) const
 std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const std::vector<Input>& images,
                                          const Moment& moment) const
 {
-    static auto& recent = *new RecentFrames;
+    static auto& recent = *new Recent<std::shared_ptr<const Frame>>(4);  // a viewer that pans asks no process
     for (const Input& one : images)
         asked["inputs"].push_back(one.facts(one.mask ? "" : space(effect, moment.time)));
-    const std::string key = key_of(asked, images) + effect.properties().text("OfxImageEffectPropOCIOConfig");
-    if (auto found = recent.find(key))
-        return found;
+    const std::string key = key_of(asked, images) + config_of(effect);
+    if (const auto found = recent.find(key))
+        return *found;
     Process& process = process_of(effect);
     ProgressBar bar(effect);
     std::vector<Sent> sent;
@@ -545,7 +548,7 @@ std::shared_ptr<const Frame> Node::frame(const Effect& effect, Json asked, const
     }
 }
 
-ofx::Status Node::render(const Effect& effect, const Properties& in) const
+ofx::Status Node::render(const Effect& effect, const Properties& in, const Properties&) const
 {
     const Moment moment { in.real("OfxPropTime"), in.real("OfxImageEffectPropRenderScale", 0, 1),
                           in.real("OfxImageEffectPropRenderScale", 1, 1) };
@@ -585,7 +588,7 @@ ofx::Status Node::render(const Effect& effect, const Properties& in) const
         corner.x1 += place[0] - full[0];
         corner.y1 += full[1] + full[3] - (place[1] + place[3]);
         if (moment.scale_x == 1)
-            Places::get().keep(plan(effect, moment.time).dump(), made->facts);
+            places().keep(plan(effect, moment.time).dump(), made->facts);
     }
     made->copy(corner.x1, corner.y1, out, window);
     effect.clear_error();

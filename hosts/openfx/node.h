@@ -10,17 +10,18 @@ class Node {
 public:
     explicit Node(const Json& facts) : m_facts(facts) {}
 
-    ofx::Status describe(const Effect& effect) const;
-    ofx::Status describe_in_context(const Effect& effect, const Properties& in) const;
-    ofx::Status clip_preferences(const Effect& effect, const Properties& out) const;
+    // Actions: `in` has the arguments of the host, `out` takes the answer.
+    ofx::Status describe(const Effect& effect, const Properties& in, const Properties& out) const;
+    ofx::Status describe_in_context(const Effect& effect, const Properties& in, const Properties& out) const;
+    ofx::Status clip_preferences(const Effect& effect, const Properties& in, const Properties& out) const;
     ofx::Status region_of_definition(const Effect& effect, const Properties& in, const Properties& out) const;
     ofx::Status regions_of_interest(const Effect& effect, const Properties& in, const Properties& out) const;
     ofx::Status frames_needed(const Effect& effect, const Properties& in, const Properties& out) const;
     ofx::Status is_identity(const Effect& effect, const Properties& in, const Properties& out) const;
-    ofx::Status output_space(const Effect& effect, const Properties& out) const;
-    ofx::Status created(const Effect& effect) const;
-    ofx::Status changed(const Effect& effect, const Properties& in) const;
-    ofx::Status render(const Effect& effect, const Properties& in) const;
+    ofx::Status output_space(const Effect& effect, const Properties& in, const Properties& out) const;
+    ofx::Status created(const Effect& effect, const Properties& in, const Properties& out) const;
+    ofx::Status changed(const Effect& effect, const Properties& in, const Properties& out) const;
+    ofx::Status render(const Effect& effect, const Properties& in, const Properties& out) const;
 
 private:
     // What one frame depends on.
@@ -31,6 +32,7 @@ private:
     const Json& m_facts;
 
     bool flag(const char* name) const { return m_facts.at(name); }
+    bool keeps_space(const Effect& effect) const;  // and the state of alpha
     const Json& output(const Effect& effect, double time) const;  // the chosen one
     double frame_of(const Effect& effect, const Json& input, double time) const;
     Json values(const Effect& effect, const Moment& moment) const;     // modifiers of the op that are not defaults

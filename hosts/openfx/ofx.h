@@ -30,7 +30,7 @@ struct PropertySuite {
     Status (*get_double)(void* set, const char* name, int index, double* value);
     Status (*get_int)(void* set, const char* name, int index, int* value);
     Unused get_several[4];
-    Unused reset;
+    Status (*reset)(void* set, const char* name);
     Status (*dimension)(void* set, const char* name, int* count);
 };
 

@@ -2,6 +2,7 @@
 // The functions that a host calls: one plugin for each node of the table.
 #include "node.h"
 
+#include <map>
 #include <new>
 #include <utility>
 
@@ -34,32 +35,26 @@ ofx::Status load()
     return suites.property && suites.effect && suites.parameter ? ofx::ok : ofx::missing_feature;
 }
 
-ofx::Status act(const Node& node, const std::string& action, const Effect& effect, const Properties& in,
-                const Properties& out)
+using Action = ofx::Status (Node::*)(const Effect&, const Properties& in, const Properties& out) const;
+
+// What a node does, by the host's name for it; nullptr: nothing.
+Action action_of(const std::string& name)
 {
-    if (action == "OfxImageEffectActionRender")
-        return node.render(effect, in);
-    if (action == "OfxActionDescribe")
-        return node.describe(effect);
-    if (action == "OfxImageEffectActionDescribeInContext")
-        return node.describe_in_context(effect, in);
-    if (action == "OfxImageEffectActionGetClipPreferences")
-        return node.clip_preferences(effect, out);
-    if (action == "OfxImageEffectActionGetRegionOfDefinition")
-        return node.region_of_definition(effect, in, out);
-    if (action == "OfxImageEffectActionGetRegionsOfInterest")
-        return node.regions_of_interest(effect, in, out);
-    if (action == "OfxImageEffectActionGetFramesNeeded")
-        return node.frames_needed(effect, in, out);
-    if (action == "OfxImageEffectActionIsIdentity")
-        return node.is_identity(effect, in, out);
-    if (action == "OfxImageEffectActionGetOutputColourspace")
-        return node.output_space(effect, out);
-    if (action == "OfxActionCreateInstance")
-        return node.created(effect);
-    if (action == "OfxActionInstanceChanged")
-        return node.changed(effect, in);
-    return ofx::reply_default;
+    static const auto& actions = *new std::map<std::string, Action> {
+        { "OfxActionDescribe", &Node::describe },
+        { "OfxImageEffectActionDescribeInContext", &Node::describe_in_context },
+        { "OfxActionCreateInstance", &Node::created },
+        { "OfxActionInstanceChanged", &Node::changed },
+        { "OfxImageEffectActionGetClipPreferences", &Node::clip_preferences },
+        { "OfxImageEffectActionGetOutputColourspace", &Node::output_space },
+        { "OfxImageEffectActionGetRegionOfDefinition", &Node::region_of_definition },
+        { "OfxImageEffectActionGetRegionsOfInterest", &Node::regions_of_interest },
+        { "OfxImageEffectActionGetFramesNeeded", &Node::frames_needed },
+        { "OfxImageEffectActionIsIdentity", &Node::is_identity },
+        { "OfxImageEffectActionRender", &Node::render },
+    };
+    const auto found = actions.find(name);
+    return found == actions.end() ? nullptr : found->second;
 }
 
 template<size_t number>
@@ -74,7 +69,8 @@ ofx::Status main_entry(const char* action, const void* handle, void* in, void* o
             return ofx::ok;
         if (!handle || !suites.property)
             return ofx::failed;
-        return act(Node(nodes().at(number)), name, effect, Properties(in), Properties(out));
+        const Action act = action_of(name);
+        return act ? (Node(nodes().at(number)).*act)(effect, in, out) : ofx::reply_default;
     } catch (const std::bad_alloc&) {
         return ofx::out_of_memory;
     } catch (const Canceled&) {

@@ -14,6 +14,7 @@ from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
+from ..engine.core.tiling import tiling_of
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 
@@ -31,7 +32,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
     several scales. Regions compete for pixels by their textons (clusters of local features). Pairs of regions that
     are probably one texture are merged until no such pair is left; with `maxlabels`, until that number of regions is
     left. The remaining subtextures then compete once more. The result is a label map with ids from 1, and 0 where
-    alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution.
+    alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution. Labels of a tile wrap.
 
     For comparison, paper=1 compares the texton histograms of sampled places, searches near each place for the best
     match, and groups the places by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
@@ -84,30 +85,33 @@ class Decompose(OnePart, InLab, ScanThenMap):
 
     def plan(self, facts: Facts) -> Plan:
         """The names of labels, the reduction of the image, and the settings."""
-        from ..analysis.segmentation.subtextures import memory_needed  # scipy is not loaded before it is needed
+        from ..analysis.segmentation.subtextures import memory_needed, surroundings  # scipy is not loaded before needed
         from ..engine.color.lab_reduced import reduction
 
         self.require_single()
         names = None if self.palette is None else LabelNames(self.palette)
         width, height = self.source.first.window.size
         factor = reduction(width, height, WORKING_PIXELS)
-        settings = self._settings(-(-width // factor) * -(-height // factor))
-        need = memory_needed(-(-width // factor) * -(-height // factor), settings) + width * height // 8
+        rows, columns = -(-height // factor), -(-width // factor)
+        settings = self._settings(rows * columns)
+        tiled = "none" if self.paper else tiling_of(self.source.first.spec)
+        above, left = surroundings(tiled, settings)
+        need = memory_needed((rows + 2 * above) * (columns + 2 * left), settings) + width * height // 8
         facts.require(need, f"{self.flag()} of {width}x{height} px", "use a smaller image")
         color_to_convert(self.source, facts, self.working_space)
-        return Plan(work=(names, factor, settings))
+        return Plan(work=(names, factor, settings, tiled))
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The label map, and what other outputs are requested."""
-        from ..analysis.segmentation.subtextures import decomposed, facts_of, label_map_of
+        from ..analysis.segmentation.subtextures import decomposed_tile, facts_of, label_map_of
         from ..engine.color.lab_reduced import lab_pixels
 
         resources, progress, first = session.resources, session.progress, self.source.first
-        names, factor, settings = plan.work
+        names, factor, settings, tiled = plan.work
         lens = lens_of(self.source, resources, self.working_space)
         pixels = lab_pixels(self.source, lens, resources, factor)
         progress.advance(1, 4)
-        split = decomposed(pixels, settings, resources, progress.advance)
+        split = decomposed_tile(pixels, tiled, settings, resources, progress.advance)
         self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.maxlabels is not None and 0 < split.count < self.maxlabels:
             self.warn("found %d subtextures, not %d: no others are distinct", split.count, self.maxlabels)

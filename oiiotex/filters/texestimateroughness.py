@@ -22,8 +22,8 @@ from ..engine.session.facts import Facts
 
 _LEAST_SKEWNESS = 0.1  # rendered reliefs: -.23 to -.12 if matte, .24 to 2.4 with highlights
 _NO_HIGHLIGHTS = (
-    "the photo shows no highlights (skewness of its fine detail %.2f): the map tells nothing about roughness; use a"
-    " constant, or a photo in hard light"
+    "the photo shows no highlights (skewness of its fine detail %.2f), so the map is middle everywhere; use a photo in"
+    " hard light"
 )
 
 
@@ -35,7 +35,8 @@ class EstimateRoughness(ScanThenMap):
     finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
     photo become smoother than `middle`, places with less become rougher, by at most `spread`. The estimate is weak
     (its page has figures), and fine paint appears smooth. Without highlights, as under an overcast sky, nothing can be
-    estimated: a warning says so. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
+    estimated: the map is `middle` everywhere, and a warning says so. If a scan has a roughness map, use that instead.
+    Memory does not grow with the photo.
     """
 
     example: ClassVar[str] = '>>> roughness = filters.estimateroughness("photo.png", middle=0.5)'
@@ -90,7 +91,7 @@ class EstimateRoughness(ScanThenMap):
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.spread)
         overall = np.float32(0 if drift is None else drift.overall_level[0])
-        if drift is None or overall == 0:  # no opaque pixels, or no detail anywhere
+        if drift is None or overall == 0 or skewed < _LEAST_SKEWNESS:  # no opaque pixels, no detail, or no highlights
 
             def even(window: Window) -> np.ndarray:
                 return np.full((window.height, window.width, 1), middle)

@@ -168,3 +168,28 @@ def test_superpixels_of_a_tagged_image_wrap():
     made = filters.superpixel(tile, sigmamin=SIGMA)
     assert tiling_of(made.spec()) == "xy"
     assert max(border_share(made.get_pixels(oiio.UINT32)[..., 0], axis) for axis in (0, 1)) < 1.8
+
+
+def subtextures(pixels: np.ndarray, modes: str) -> np.ndarray:
+    image = image_of(pixels, modes)
+    photo = oiio.ImageBuf(image.first.spec)
+    photo.set_pixels(photo.roi, image.first.pixels())
+    made = filters.decompose(photo)
+    assert (tiling_of(made.spec()) == "xy") == ("periodic" in modes)
+    return made.get_pixels(oiio.UINT32)[..., 0]
+
+
+def test_subtextures_of_a_tile_wrap():
+    """Pixels that touch across a border have one label, as inside."""
+    dice, (y, x) = np.random.default_rng(1), np.indices((192, 192))
+    fine, coarse = (gaussian_filter(dice.standard_normal((192, 192)), sigma, mode="wrap") for sigma in (1, 4))
+    disc = np.hypot(np.minimum(y, 192 - y), np.minimum((x + 20) % 192, 172 - x)) < 60  # it crosses the borders
+    light = 0.5 + 0.1 * np.where(disc, fine / fine.std(), coarse / coarse.std())
+    pixels = np.repeat(np.clip(light, 0, 1)[..., None], 3, -1)
+
+    def steps(labels: np.ndarray) -> float:
+        return float(np.mean([*(labels[0] != labels[-1]), *(labels[:, 0] != labels[:, -1])]))
+
+    tile, plain = (subtextures(pixels, modes) for modes in ("periodic,periodic", "black,black"))
+    assert tile.max() == 2 and (tile == np.where(disc, tile[0, 0], tile[96, 96])).mean() > 0.98
+    assert steps(tile) < 0.01 and steps(plain) > 0.03

@@ -337,7 +337,9 @@ def test_an_error_without_a_tile_is_shown_in_its_place(page):
 
 
 def test_zoom_is_never_black(page):
+    page.evaluate("import('./main.js').then(({ shell }) => shell.status('a hint of this tab'))")
     page.click("#tab-zoom")
+    assert not page.text_content("#status")
     page.wait_for_selector("[data-missing='0']")
     color = page.evaluate("""import("./main.js").then(({ rooms: { zoom } }) => {
       const tiles = zoom.tiles;

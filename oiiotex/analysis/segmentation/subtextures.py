@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -171,6 +171,25 @@ def decomposed(
                 labels = np.repeat(np.repeat(labels, side, 0), side, 1)[:height, :width]
     labels, count = _numbered(labels, pixels.seen)
     return Decomposition(labels, count, samples, groups)
+
+
+def decomposed_tile(
+    pixels: LabPixels, tiled: str, settings: DecompositionSettings, resources: Resources,
+    advance: Callable[[int, int], None],
+) -> Decomposition:  # fmt: skip
+    """The subtextures of an image that tiles along these axes, and from `surroundings` beyond its borders."""
+    pads = [(around, around) for around in surroundings(tiled, settings)]
+    lab, seen = np.pad(pixels.lab, [*pads, (0, 0)], "wrap"), np.pad(pixels.seen, pads, "wrap")
+    split = decomposed(replace(pixels, lab=lab, seen=seen), settings, resources, advance)
+    inside = tuple(slice(before, before + n) for n, (before, _) in zip(pixels.seen.shape, pads, strict=True))
+    labels, count = _numbered(split.labels[inside], pixels.seen)
+    return replace(split, labels=labels, count=count)
+
+
+def surroundings(tiled: str, settings: DecompositionSettings) -> tuple[int, int]:
+    """Pixels of the reduced image to repeat beyond the borders along y, and along x: the radius, in whole cells."""
+    around = math.ceil(settings.radius / _CELL) * _CELL
+    return around * ("y" in tiled), around * ("x" in tiled)
 
 
 def _merged_regions(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:

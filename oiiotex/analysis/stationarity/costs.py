@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from threadpoolctl import threadpool_limits
+
 from ...engine.core.demand import SomeRows
 from ...engine.core.window import Domain, Window
 from ...engine.deferred import np
@@ -69,7 +71,8 @@ def stationarity_cost(
     wrap_x, wrap_y = (True, True) if domain is None else domain.wraps
     windows = _windows(height, sigma, wrap_y), _windows(width, sigma, wrap_x)
     if measure == "moments":
-        return _moment_cost(lab, lab if like is None else like, order, *windows)
+        with threadpool_limits(1, "blas"):
+            return _moment_cost(lab, lab if like is None else like, order, *windows)
     ranges: tuple[tuple[float, float], ...] = RANGES
     halo = 0
     if measure == "steerable":
@@ -82,7 +85,8 @@ def stationarity_cost(
         return np.stack([p[halo:-halo] for c in range(3) for p in responses(around[..., c], (wrap_x, False))], -1)
 
     cells = Cells.for_sigma(Window(0, 0, width, height), sigma, _CELLS_PER_SIGMA)
-    return _histogram_cost(cells, values, ranges, *windows)
+    with threadpool_limits(1, "blas"):  # threads for small products wait for each other where cores are busy
+        return _histogram_cost(cells, values, ranges, *windows)
 
 
 def cell_histograms(

@@ -116,6 +116,10 @@ class ColorConfig:
         known = [name for name in ("sRGB", "Rec709", "linear") if self._space(name)]
         return [*known, *names, *self._config.getRoleNames()]
 
+    def roles_and_spaces(self) -> list[str]:
+        """The names that a menu shows: roles, then color spaces."""
+        return [*self._config.getRoleNames(), *(space.getName() for space in self._config.getColorSpaces())]
+
     def warn_once(self, image: Image) -> None:
         """Warn, once per image, if it is used as color but looks like a normal map."""
         if self._doubted is not None and image.source not in self._doubted and warn_of_normals(image):

@@ -169,6 +169,8 @@ class _Connection:
                 self._answer(number, "done", {"missing": True})
         elif do == "plan":
             self._answer(number, "done", planned_places(asked, self._resident.facts_of_ops))
+        elif do == "spaces":
+            self._answer(number, "done", {"spaces": self._resident.facts_of_ops.color.roles_and_spaces()})
         elif do == "put":
             self._answer(number, "done", {"number": self._bench.keep(image_of(asked["image"], arrays))})
         elif do == "drop":

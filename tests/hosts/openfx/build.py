@@ -26,8 +26,11 @@ def without_compiler() -> str:
     return "" if sys.platform == "linux" else "the plugin is for Linux"
 
 
-def built(folder: Path, sanitize: str = "") -> Path:
-    """The plugin's file in `folder`, which several processes may build at once; skips if there is no compiler."""
+def built(folder: Path, sanitize: str = "", compiler: str = "") -> Path:
+    """The plugin's file in `folder`, which several processes may build at once; skips if there is no compiler.
+
+    `compiler`: a line that compiles C++; default: that of the machine.
+    """
     missing = without_compiler()
     if missing:
         pytest.skip(f"THE OPENFX PLUGIN IS NOT BUILT: {missing}")
@@ -38,9 +41,9 @@ def built(folder: Path, sanitize: str = "") -> Path:
             settings = {"OIIOTEX_PYTHON": sys.executable, "OIIOTEX_SANITIZE": sanitize, "CMAKE_INSTALL_PREFIX": folder}
             words = [f"-D{key}={value}" for key, value in settings.items()]
             lines = (["-S", SOURCE, "-B", folder / "work", *words], ["--build", folder / "work"])
-            said = ""
+            said, environment = "", os.environ | ({"CXX": compiler} if compiler else {})
             for line in (*lines, ["--install", folder / "work"]):
-                done = subprocess.run(["cmake", *map(str, line)], capture_output=True, text=True)
+                done = subprocess.run(["cmake", *map(str, line)], capture_output=True, text=True, env=environment)
                 said += done.stdout + done.stderr
                 assert done.returncode == 0, said
             assert "warning" not in said, said

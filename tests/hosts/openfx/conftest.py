@@ -74,6 +74,12 @@ def with_source(host: Host, name: str, pixels: np.ndarray, context: str = "Gener
     return node
 
 
+def edited(node: Node, name: str) -> int:
+    """Tell the node that a user has changed a parameter, or pressed a button."""
+    given = {"OfxPropName": name, "OfxPropType": "OfxTypeParameter", "OfxPropChangeReason": "OfxChangeUserEdited"}
+    return node.do("OfxActionInstanceChanged", **given, OfxPropTime=0.0)
+
+
 def region(node: Node, time: float = 0.0) -> tuple[int, int, int, int]:
     """The region of definition that the node tells."""
     given = {"OfxPropTime": time, "OfxImageEffectPropRenderScale": (1.0, 1.0)}

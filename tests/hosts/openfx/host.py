@@ -20,6 +20,7 @@ _C = {STRING: ctypes.c_char_p, INT: ctypes.c_int, DOUBLE: ctypes.c_double, POINT
 _P, _S, _I, _D = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_double
 COMPONENTS = {4: "OfxImageComponentRGBA", 3: "OfxImageComponentRGB", 1: "OfxImageComponentAlpha"}
 DEPTHS = {"float32": "OfxBitDepthFloat", "float16": "OfxBitDepthHalf", "uint8": "OfxBitDepthByte"}
+_OF_PIXELS = ("OfxImageEffectPropComponents", "OfxImageEffectPropPixelDepth", "OfxImageEffectPropPreMultiplication")
 Rect = tuple[int, int, int, int]
 
 
@@ -93,10 +94,13 @@ class Properties:
 class Image(Properties):
     """Pixels as a host keeps them: any bounds, rows upward, padded rows, rows that run backward in memory.
 
-    `pixels`: (height, width, channels), the top row first.
+    `pixels`: (height, width, channels), the top row first. `state`: Premultiplied or UnPremultiplied.
     """
 
-    def __init__(self, host: Host, pixels: np.ndarray, corner: tuple[int, int] = (0, 0), padding=0, backward=False):
+    def __init__(
+        self, host: Host, pixels: np.ndarray, corner: tuple[int, int] = (0, 0), padding=0, backward=False,
+        state="Premultiplied",
+    ):  # fmt: skip
         height, width, channels = pixels.shape
         self.row = width * channels * pixels.itemsize + padding
         self.memory = np.full((height + 2, self.row), 0xAB, np.uint8)  # a row before and after are guards
@@ -109,7 +113,7 @@ class Image(Properties):
             host, OfxImagePropData=data, OfxImagePropBounds=bounds, OfxImagePropRegionOfDefinition=bounds,
             OfxImagePropRowBytes=-self.row if backward else self.row,
             OfxImageEffectPropComponents=COMPONENTS[channels], OfxImageEffectPropPixelDepth=DEPTHS[pixels.dtype.name],
-            OfxImageEffectPropPreMultiplication="OfxImageAlphaPremultiplied", OfxImagePropPixelAspectRatio=1.0,
+            OfxImageEffectPropPreMultiplication=f"OfxImageAlpha{state}", OfxImagePropPixelAspectRatio=1.0,
         )  # fmt: skip
 
     def rows(self) -> np.ndarray:
@@ -141,7 +145,7 @@ class Clip:
         self.properties.put("OfxImageClipPropConnected", int(like is not None))
         self.properties.put("OfxImageEffectPropFrameRange", *map(float, frames))
         self.properties.put("OfxImagePropPixelAspectRatio", 1.0)
-        for name in ("OfxImageEffectPropComponents", "OfxImageEffectPropPixelDepth"):
+        for name in _OF_PIXELS:
             self.properties.values[name] = like.values[name] if like else [b""]
 
 
@@ -152,6 +156,9 @@ class Parameter:
         self.type, count = described.kind, TYPES[described.kind][1]
         zero: list[Any] = [b"" if TYPES[self.type][0] == STRING else 0] * count
         self.values = list(described.values.get("OfxParamPropDefault", zero))
+        self.properties = Properties(host, "options" if self.type == "OfxParamTypeChoice" else "")
+        if "OfxParamPropChoiceOption" in described.values:
+            self.properties.put("OfxParamPropChoiceOption", *described.values["OfxParamPropChoiceOption"])
         self.handle = host.handles.of(self)
 
     def set(self, *values: Any) -> None:
@@ -218,12 +225,14 @@ class Host:
         assert node.do("OfxImageEffectActionDescribeInContext", **given) == OK
         return node
 
-    def instance(self, name: str, context: str = "General") -> Node:
-        """A new instance."""
+    def instance(self, name: str, context: str = "General", **properties: Any) -> Node:
+        """A new instance, with further properties."""
         described = self.described(name, context)
         node = Node(self, self.plugins[name], "")
         node.properties.put("OfxImageEffectPropProjectSize", 1920.0, 1080.0)
         node.properties.put("OfxImageEffectPropProjectOffset", 0.0, 0.0)
+        for key, value in properties.items():
+            node.properties.put(key, value)
         node.clips = {clip: Clip(self, clip) for clip in described.clips}
         node.parameters = {key: Parameter(self, one) for key, one in described.parameters.items()}
         assert node.do("OfxActionCreateInstance") == OK

@@ -15,6 +15,7 @@ _EFFECT = {
     "OfxImageEffectPropSupportsMultiResolution": (INT, 1),
     "OfxImageEffectPropSupportsTiles": (INT, 1),
     "OfxImageEffectPropTemporalClipAccess": (INT, 1),
+    "OfxImageEffectPropClipPreferencesSlaveParam": (STRING, 0),
     "OfxImageEffectPluginRenderThreadSafety": (STRING, 1),
     "OfxImageEffectPropOpenCLRenderSupported": (STRING, 1),
     "OfxImageEffectPropColourManagementStyle": (STRING, 1),
@@ -43,6 +44,7 @@ _OUT = {
     "OfxPropName": (STRING, 1),
     "OfxPropTime": (DOUBLE, 1),
     "OfxImageClipPropColourspace": (STRING, 1),
+    "OfxImageEffectPropPreMultiplication": (STRING, 1),
 }
 _OF_CLIPS = {
     "OfxImageClipPropRoI_": (DOUBLE, 4),
@@ -70,4 +72,6 @@ def expected(kind: str, name: str) -> tuple[str, int] | None:
     if kind == "out":
         of_clip = next((facts for prefix, facts in _OF_CLIPS.items() if name.startswith(prefix)), None)
         return _OUT.get(name) or of_clip
+    if kind == "options":  # of a choice of an instance
+        return _PARAMETER[name] if name == "OfxParamPropChoiceOption" else None
     return {"effect": _EFFECT, "clip": _CLIP}.get(kind, {}).get(name)

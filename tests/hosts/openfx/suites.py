@@ -61,7 +61,14 @@ def _property_suite(host: Host) -> list[Function | None]:
 
         return (_P, _S, _I, _P), get
 
-    return [*map(setter, _ORDER), *(None,) * 4, *map(getter, _ORDER), *(None,) * 6]
+    def reset(handle: int, name: bytes) -> int:
+        found = host.handles.get(handle, Properties)
+        if found is None or found.kind != "options":
+            return BAD_HANDLE
+        found.values[name.decode()] = []
+        return OK
+
+    return [*map(setter, _ORDER), *(None,) * 4, *map(getter, _ORDER), *(None,) * 4, ((_P, _S), reset), None]
 
 
 def _effect_suite(host: Host) -> list[Function | None]:
@@ -134,11 +141,13 @@ def _parameter_suite(host: Host) -> list[Function | None]:
         _P.from_address(to).value = made.handle
         return OK
 
-    def parameter(handle: int, name: bytes, to: int, _: int | None) -> int:
+    def parameter(handle: int, name: bytes, to: int, properties: int | None) -> int:
         found = host.handles.get(handle, Node).parameters.get(name.decode())
         if not isinstance(found, Parameter):
             return UNKNOWN
         _P.from_address(to).value = found.handle
+        if properties:
+            _P.from_address(properties).value = found.properties.handle
         return OK
 
     def value(handle: int, time: float, first: int, second: int) -> int:

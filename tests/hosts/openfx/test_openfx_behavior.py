@@ -16,16 +16,10 @@ import pytest
 from oiiotex.engine.session import Session
 from oiiotex.oiiotool.service.client import connect
 from oiiotex.oiiotool.service.settings import ResidentSettings
-from tests.hosts.openfx.conftest import SPACE, photo, region, rendered, with_source
+from tests.hosts.openfx.conftest import SPACE, edited, photo, region, rendered, with_source
 from tests.hosts.openfx.host import FAILED, OK, REPLY_DEFAULT, Host, Image, Node
 
 WHOLE = (0, 0, 96, 64)
-
-
-def edited(node: Node, name: str) -> int:
-    """Tell the node that a user has changed a parameter, or pressed a button."""
-    given = {"OfxPropName": name, "OfxPropType": "OfxTypeParameter", "OfxPropChangeReason": "OfxChangeUserEdited"}
-    return node.do("OfxActionInstanceChanged", **given, OfxPropTime=0.0)
 
 
 def identity(node: Node) -> int:
@@ -80,6 +74,44 @@ def test_the_config_is_the_one_of_the_host(host: Host):
         connect(ResidentSettings.of(Session(device_name=None, colorconfig="/nowhere/config.ocio"))).end()
 
 
+CONFIG = """ocio_profile_version: 2
+roles:
+  scene_linear: show_linear
+  cie_xyz_d65_interchange: xyz
+file_rules:
+  - !<Rule> {name: Default, colorspace: show_linear}
+displays:
+  screen:
+    - !<View> {name: plain, colorspace: show_linear}
+colorspaces:
+  - !<ColorSpace>
+    name: show_linear
+  - !<ColorSpace>
+    name: xyz
+"""
+
+
+@pytest.mark.parametrize("by_host", [True, False])
+def test_the_menu_lists_the_spaces_of_the_config(host: Host, tmp_path, monkeypatch, by_host: bool):
+    """That of the host, or $OCIO; the built-in one is described without a process."""
+    (tmp_path / "config.ocio").write_text(CONFIG)
+    config = str(tmp_path / "config.ocio")
+    built_in = host.described("Flatten", "General").parameters["spaces"]["OfxParamPropChoiceOption"]
+    assert len(built_in) > 30
+    try:
+        if not by_host:
+            monkeypatch.setenv("OCIO", config)
+            assert host.described("Flatten", "General").parameters["spaces"]["OfxParamPropChoiceOption"] == "choose ..."
+        node = host.instance("Flatten", OfxImageEffectPropOCIOConfig=config) if by_host else host.instance("Flatten")
+        menu = node.parameters["spaces"].properties["OfxParamPropChoiceOption"]
+        assert menu == ["choose ...", "cie_xyz_d65_interchange", "scene_linear", "show_linear", "xyz"]
+        node.parameters["spaces"].set(3)
+        assert edited(node, "spaces") == OK
+        assert node.parameters["colorspace"].values == [b"show_linear"]
+    finally:  # each config has a process
+        connect(ResidentSettings.of(Session(device_name=None, colorconfig=config))).end()
+
+
 def test_the_line_and_the_verdict_are_told(host: Host):
     node = with_source(host, "Tile", photo(), sigma=8.0, iterations=3, preset=1)
     assert edited(node, "sigma") == OK
@@ -132,7 +164,8 @@ def test_regions(host: Host):
     generator = host.instance("Synthesize", "Generator")
     status, out = generator.ask("OfxImageEffectActionGetClipPreferences")
     assert status == OK and out["OfxImageClipPropComponents_Output"] == "OfxImageComponentRGBA"
-    assert node.ask("OfxImageEffectActionGetClipPreferences")[0] == REPLY_DEFAULT
+    status, out = node.ask("OfxImageEffectActionGetClipPreferences")  # source coordinates are no color
+    assert status == OK and out["OfxImageEffectPropPreMultiplication"] == "OfxImageOpaque"
 
 
 def test_unknown_actions_and_broken_calls_are_status_codes(host: Host):

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from oiiotex import filters
 from oiiotex.engine.core.parameters import parse_modifiers
-from tests.hosts.openfx.build import SOURCE
+from tests.hosts.openfx.build import SOURCE, built, shared
 from tests.hosts.openfx.host import Host
 from tools import openfx
 
@@ -64,19 +66,39 @@ def test_it_loads_twice(plugin: Path, host: Host):
     other.unload()
 
 
-def test_the_file_exports_two_functions_and_needs_no_library_of_ours(plugin: Path):
+def symbols(file: Path, which: str) -> list[list[str]]:
+    """Symbols as (name, kind, ...)."""
     if shutil.which("nm") is None or shutil.which("ldd") is None:
         pytest.skip("NOT CHECKED: no nm or ldd: apt install binutils")
-    nm = ["nm", "-D", "--format=posix", str(plugin)]
-    defined = subprocess.run([*nm, "--defined-only"], capture_output=True, text=True, check=True).stdout
-    assert {line.split()[0] for line in defined.splitlines()} == {"OfxGetNumberOfPlugins", "OfxGetPlugin"}
-    undefined = subprocess.run([*nm, "--undefined-only"], capture_output=True, text=True, check=True).stdout
-    for line in undefined.splitlines():
-        name, kind = line.split()[:2]
-        assert "@GLIBC_" in name or kind == "w", line  # weak: hooks of profilers
-    needed = subprocess.run(["ldd", str(plugin)], capture_output=True, text=True, check=True).stdout
-    names = {line.split()[0].rpartition("/")[2].partition(".")[0] for line in needed.splitlines()}
-    assert names <= {"linux-vdso", "libc", "libm", "ld-linux-x86-64"}
+    line = ["nm", "-D", "--format=posix", f"--{which}-only", str(file)]
+    return [line.split() for line in subprocess.check_output(line, text=True).splitlines()]
+
+
+def needed(file: Path) -> set[str]:
+    """Libraries that the file loads."""
+    lines = subprocess.check_output(["ldd", str(file)], text=True).splitlines()
+    return {line.split()[0].rpartition("/")[2].partition(".")[0] for line in lines}
+
+
+def test_the_file_exports_two_functions_and_needs_no_library_of_ours(plugin: Path):
+    assert {name for name, *_ in symbols(plugin, "defined")} == {"OfxGetNumberOfPlugins", "OfxGetPlugin"}
+    for name, kind, *_ in symbols(plugin, "undefined"):
+        assert "@GLIBC_" in name or kind == "w", name  # weak: hooks of profilers
+    assert needed(plugin) <= {"linux-vdso", "libc", "libm", "ld-linux-x86-64"}
+
+
+@pytest.mark.slow
+def test_the_file_of_the_wheel_needs_glibc_2_28(tmp_path_factory: pytest.TempPathFactory):
+    """As `make openfx-wheel` builds it; older systems have threads and dl in libraries of their own."""
+    pytest.importorskip("ziglang", reason="NOT BUILT: no ziglang (pip install oiiotex[linker])")
+    zig = f"{sys.executable} -m ziglang c++ -target x86_64-linux-gnu.2.28"
+    assert zig.partition(" ")[2] in (SOURCE.parents[1] / "Makefile").read_text()
+    file = built(shared(tmp_path_factory, "openfx_zig"), compiler=zig)
+    assert {name for name, *_ in symbols(file, "defined")} == {"OfxGetNumberOfPlugins", "OfxGetPlugin"}
+    versions = [re.search(r"@GLIBC_(\d+)\.(\d+)", name) for name, *_ in symbols(file, "undefined")]
+    assert max((int(v[1]), int(v[2])) for v in versions if v) <= (2, 28)
+    assert needed(file) <= {"linux-vdso", "libc", "libm", "libpthread", "libdl", "ld-linux-x86-64"}
+    assert ".symtab" not in subprocess.check_output(["readelf", "-S", str(file)], text=True)  # stripped
 
 
 def test_its_own_code_stays_small():

@@ -62,8 +62,6 @@ def test_a_fill_takes_region_and_mask_from_clips(host: Host):
     region = np.zeros((64, 96, 1), np.float32)
     region[20:36, 30:50] = 1
     node = with_source(host, "Fill", pixels, **VALUES["Fill"])
-    assert host.render(node, (0, 0, 96, 64), Image(host, np.zeros_like(pixels))) != OK
-    assert node.messages == ["Region is not connected"]
     node.clips["Region"].connect(Image(host, region))
     wanted = of_filter("Fill", buffer(pixels), buffer(region, ""), **VALUES["Fill"])
     np.testing.assert_array_equal(rendered(host, node), wanted)
@@ -78,25 +76,81 @@ def test_a_fill_takes_region_and_mask_from_clips(host: Host):
     np.testing.assert_array_equal(rendered(host, node), wanted)
 
 
-def test_labels_are_ids_a_cryptomatte_or_one_matte(host: Host):
+def test_a_fill_without_region_fills_what_is_transparent(host: Host):
+    """Also in a host with one clip; a soft border is filled, too, so that no rim is left."""
+    alpha = np.ones((64, 96, 1), np.float32)
+    alpha[20:36, 30:50] = 0
+    alpha[20:36, 50] = 0.9
+    pixels = photo() * alpha
+    node = with_source(host, "Fill", pixels, "Filter", **VALUES["Fill"])
+    found = rendered(host, node)
+    np.testing.assert_array_equal(
+        found, of_filter("Fill", buffer(pixels), buffer(np.float32(alpha < 1), ""), **VALUES["Fill"])
+    )
+    assert (found[..., 3] == 1).all() and (found[20:36, 30:51] != pixels[20:36, 30:51]).any(-1).all()
+    eight = np.rint(pixels * 255).astype(np.uint8)
+    node.clips["Source"].connect(Image(host, eight))
+    wanted = of_filter("Fill", buffer(eight), buffer(np.float32(alpha < 1), ""), **VALUES["Fill"])
+    np.testing.assert_array_equal(rendered(host, node, "uint8"), wanted)
+    node.clips["Source"].connect(Image(host, photo()))  # the hole has left the frame
+    np.testing.assert_array_equal(rendered(host, node), photo())
+    node.clips["Source"].connect(Image(host, photo(channels=3)))
+    assert host.render(node, (0, 0, 96, 64), Image(host, photo(channels=3))) != OK
+    assert len(node.messages) == 1 and "Region is not connected, and Source has no alpha" in node.messages.pop()
+
+
+def unpremultiplied(pixels: np.ndarray) -> np.ndarray:
+    alpha = pixels[..., 3:]
+    color = pixels[..., :3] / np.where(alpha == 0, np.float32(1), alpha)
+    return np.concatenate([color, alpha], -1)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float16", "uint8"])
+@pytest.mark.parametrize("name", ["Flatten", "Tile", "DominantMask"])
+def test_unpremultiplied_input_is_premultiplied_for_the_filter(host: Host, name: str, dtype: str):
+    """The result is in the state of the input, and the host is told so."""
+    alpha = np.linspace(0.25, 1, 96, dtype=np.float32)[np.newaxis, :, np.newaxis]
+    given = np.concatenate([photo()[..., :3], np.broadcast_to(alpha, (64, 96, 1))], -1)
+    given = np.rint(given * 255).astype(np.uint8) if dtype == "uint8" else given.astype(dtype)
+    floats = given.astype(np.float32) / np.float32(255 if dtype == "uint8" else 1)
+    straight = np.concatenate([floats[..., :3] * floats[..., 3:], floats[..., 3:]], -1)
+    node = with_source(host, name, given, **VALUES[name])
+    node.clips["Source"].connect(Image(host, given, state="UnPremultiplied"))
+    status, out = node.ask("OfxImageEffectActionGetClipPreferences")
+    state = "Premultiplied" if name == "DominantMask" else "UnPremultiplied"
+    assert status == OK and out["OfxImageEffectPropPreMultiplication"] == f"OfxImageAlpha{state}"
+    wanted = of_filter(name, buffer(straight), **VALUES[name])
+    wanted = np.repeat(wanted, 4, -1) if name == "DominantMask" else unpremultiplied(wanted)
+    wanted = np.rint(np.clip(wanted, 0, 1) * 255).astype(np.uint8) if dtype == "uint8" else wanted.astype(dtype)
+    found = rendered(host, node, dtype)
+    np.testing.assert_array_equal(found, wanted)
+    node.clips["Source"].connect(Image(host, given))
+    assert not np.array_equal(rendered(host, node, dtype), found)
+
+
+def test_labels_are_ids_a_cryptomatte_or_the_matte_of_a_name(host: Host):
     pixels = photo()
-    maps = filters.label(buffer(pixels), cryptomatte=True)
-    parts = {maps[name].name: maps[name] for name in maps} if isinstance(maps, dict) else {}
+    parts = filters.label(buffer(pixels), cryptomatte=True)
+    levels = sum(name.startswith("label.") for name in parts)
+    coarsest = parts[f"label.{levels}"].get_pixels(oiio.UINT32)
     node = with_source(host, "Labels", pixels)
-    ids = rendered(host, node)
-    assert np.array_equal(ids[..., 0], ids[..., 2]) and np.array_equal(ids[..., 0], np.rint(ids[..., 0]))
-    labels = np.unique(ids[..., 0])
-    node.parameters["output"].set(4)
-    for label in labels[labels > 0]:
-        node.parameters["matte"].set(str(int(label)))
+    np.testing.assert_array_equal(rendered(host, node)[..., :3], np.repeat(coarsest, 3, -1).astype(np.float32))
+    node.parameters["output"].set(1)
+    layers = parts["cryptomatte"].get_pixels(oiio.FLOAT)
+    np.testing.assert_array_equal(rendered(host, node), layers[..., -4:])
+    assert host.render(node, (0, 0, 96, 64), Image(host, np.zeros((64, 96, 4), np.uint8))) != OK
+    assert "change ids" in node.messages.pop()
+    node.parameters["output"].set(2)
+    total = np.zeros((64, 96, 1), np.float32)
+    for label in np.unique(coarsest):
+        node.parameters["matte"].set(f"label.{levels}/{label}")
         matte = rendered(host, node)
-        assert np.array_equal(matte, np.repeat(ids[..., :1] == label, 4, -1).astype(np.float32))
-    node.parameters["output"].set(3)
-    assert np.isin(rendered(host, node)[..., 1], (0, 1)).mean() > 0.5, parts  # coverage
-    node.parameters["output"].set(4)
+        assert (matte == matte[..., :1]).all() and (matte[..., 0][coarsest[..., 0] == label] > 0).all()
+        total += matte[..., :1]
+    assert (np.abs(total - 1) < 1e-3).mean() > 0.95  # where more than two labels meet, Cryptomatte keeps two
     node.parameters["matte"].set("wall")
     assert host.render(node, (0, 0, 96, 64), Image(host, pixels)) != OK
-    assert "matte=wall" in node.messages[0] and "id of a label" in node.messages[0]
+    assert "matte=wall" in node.messages[0] and f"label.{levels}/1" in node.messages[0]
 
 
 @pytest.mark.parametrize("padding", [0, 52])

@@ -73,6 +73,7 @@ function open(name) {
     $(`tab-${key}`).setAttribute("aria-selected", String(key === name));
   }
   shell.place("");
+  if (!$("status").classList.contains("wrong")) shell.status(""); // a hint of the other tab
   rooms[name].show?.();
   if (wantedRoom() !== name) history.replaceState(null, "", `#${name}`);
 }
