@@ -53,7 +53,7 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     assert sidecar["lines"]["tile"].startswith("oiiotex source/color.png --iscolorspace srgb_rec709_scene ")
     assert {source["role"] for source in sidecar["sources"]} == {"color", "normal", "roughness"}
     assert not list((library / runs.WORK).glob("run-*"))
-    for name in ("thumbnail", "preview_2x2", "lit", "compared", "card"):
+    for name in ("thumbnail", "preview_2x2", "lit", "card"):
         assert load(folder / f"{name}.jpg").std() > 2
 
 
@@ -118,7 +118,7 @@ def test_normals_of_directx_are_turned_on_request(photos, tmp_path, here):
     (path,) = (tmp_path / "b").glob("assets/wall/*/tile/normal.exr")
     np.testing.assert_allclose(load(path), given, atol=1e-3)
     document = next(path.parents[1].glob("*.mtlx")).read_text()
-    assert 'name="normal_turned"' in document and 'name="flip_g" type="boolean" value="true"' in document
+    assert document.count('<multiply name="normal_turned"') == 1
 
 
 def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
@@ -129,11 +129,32 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
         (document,), (stage,) = library.glob("assets/wall/*/wall.mtlx"), library.glob("assets/wall/*/*.usda")
         own = document.read_text()
         assert own.count('<displacement name="displacement_wall" type="displacementshader">') == count
-        assert own.count('name="scale" type="float" value="0.02"') == 2 * count  # and of the hex-tiled material
+        assert own.count('name="scale" type="float" value="0.02"') == count
         assert stage.read_text().count("inputs:displacement.connect") == count
         assert stage.read_text().count("float4 inputs:scale = (0.02, 0.02, 0.02, 1)") == count
         with Catalog(library) as catalog:
             assert list(check(catalog)) == []
+
+
+def test_a_plane_of_hexagons_is_delivered_where_it_is_right(tmp_path, here):
+    """Soil gets one, and bricks do not; both say how much of the tile it preserves."""
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    save(drawn.moss(256, 256, 1), photos / "soil_diff_1k.png")
+    save(drawn.bricks(256, 256, 1), photos / "wall_diff_1k.png")
+    save(drawn.moss(256, 256, 2)[..., :1], photos / "soil_rough_1k.png")
+    brought_in(photos, tmp_path / "library", recipe(LINE + "[deliver]\nhex = true\ntx = false\n"))
+    (soil,), (wall,) = ((tmp_path / "library").glob(f"assets/{name}/*") for name in ("soil", "wall"))
+    assert {path.name for path in (soil / "hex").iterdir()} == {
+        "color.exr", "color_table.exr", "roughness.exr", "roughness_table.exr",
+        "sample_hex.glsl", "sample_hex.hlsl", "sample_hex.wgsl",
+    }  # fmt: skip
+    assert "hex/color.exr" in (soil / "soil.mtlx").read_text() and not (wall / "hex").exists()
+    assert load(soil / "compared.jpg").shape[1] > 500 and not (wall / "compared.jpg").exists()
+    assert "hextiled" not in (wall / "wall.mtlx").read_text()
+    with Catalog(tmp_path / "library") as catalog:
+        assert catalog.measures()["wall"]["hex_fidelity"] < 0.7 < 0.77 <= catalog.measures()["soil"]["hex_fidelity"]
+        assert list(check(catalog)) == []
 
 
 def test_normals_that_are_short_in_the_scan_are_no_fault_of_the_tile(photos, tmp_path, here):

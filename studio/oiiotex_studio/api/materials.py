@@ -4,6 +4,16 @@
 from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.surfaces.capture.convention import convention_of
 from oiiotex.surfaces.charts.drawing import shown_pixels
+from oiiotex.surfaces.charts.hexagons import (
+    BLENDABLE,
+    EXPONENT,
+    GRID,
+    STREAM,
+    HexMap,
+    blended,
+    gaussianized,
+    judged,
+)
 from oiiotex.surfaces.charts.lighting import (
     FLAT,
     GROUND,
@@ -18,4 +28,4 @@ from oiiotex.surfaces.charts.lighting import (
 from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image
-from oiiotex.synthesis.wang.viewer import SHADERS, shader, viewer_page
+from oiiotex.synthesis.wang.viewer import HEX_SHADERS, SHADERS, shader, viewer_page
