@@ -354,7 +354,7 @@ def multiscale(far: Far) -> None:
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
     no_cell = (0,) * 4  # of the root
-    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32)  # nothing to keep in step with
+    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32), *no_cell  # nothing to keep
     run(
         "upsample",
         (X, Y),
@@ -372,7 +372,6 @@ def multiscale(far: Far) -> None:
         *far_away,
         *(np.uint32(3), np.uint32(1), 0, 256),
         *steps,
-        *no_cell,
     )
     assert texel[Y, X] == 5
     assert r[Y, X].tolist() == [16] * 4

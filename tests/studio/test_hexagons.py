@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from oiiotex_studio.library.hexes import LEAST, hex_fidelity, write_hexes
+from oiiotex_studio.library.hexes import LEAST, hex_measures, write_hexes
 from oiiotex_studio.materials.documents import Described, materialx_faults, write_materialx
 from oiiotex_studio.recipes.recipe import Deliver
 
@@ -110,8 +110,8 @@ def test_the_judge_says_which_tiles_are_right(kind, right):
     else:
         light = getattr(pictures, kind)(256, 256, 1)
     picture = np.broadcast_to(light if light.ndim == 3 else light[..., None], (256, 256, 3))
-    found = hex_fidelity(tagged(from_array(np.ascontiguousarray(picture, np.float32)), SRGB), Session().resources)
-    assert (found >= LEAST) == right, found
+    found = hex_measures(tagged(from_array(np.ascontiguousarray(picture, np.float32)), SRGB), Session().resources)
+    assert (found["hex_fidelity"] >= LEAST) == right, found
 
 
 def test_a_small_tile_is_not_judged():

@@ -50,7 +50,7 @@ class HexMap:
     axes: np.ndarray
 
     def shares(self) -> np.ndarray:
-        """What each component adds to a pixel at the knots, (channels, KNOTS, channels) float32; a pixel is the sum."""
+        """The part of each component in a pixel at the knots: (channels, KNOTS, channels) float32."""
         return (self.table.T[..., None] * self.axes[:, None]).astype(np.float32)
 
     def values(self, gaussian: np.ndarray) -> np.ndarray:
@@ -118,7 +118,7 @@ def _cell_noise(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def judged(lab: np.ndarray) -> Fidelity | None:
-    """What a plane preserves of its tile, (height, width, 3) float32 CIE Lab; None: it is too small to measure.
+    """The fidelity of a plane to its tile, (height, width, 3) float32 CIE Lab; None: it is too small to measure.
 
     Cuts are those between the hexagons that weigh most.
     """

@@ -34,7 +34,7 @@ from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
 from .digests import digest_of, faults
-from .hexes import LEAST, hex_fidelity, write_hexes
+from .hexes import LEAST, hex_measures, write_hexes
 from .runs import WORK
 from .steps import StepFile, run_line
 from .wang import WangFiles, write_wang
@@ -156,12 +156,9 @@ class _Making:
         meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
         resources, shaded = _session(job).resources, None
-        space, fidelity = (
-            self._space(maps["color"]),
-            None if lattice or recipe.deliver.wang else hex_fidelity(maps["color"], resources),
-        )
-        hexes = fidelity is not None and fidelity >= LEAST
-        measures |= {} if fidelity is None else {"hex_fidelity": fidelity}
+        space = self._space(maps["color"])
+        measures |= {} if lattice or recipe.deliver.wang else hex_measures(maps["color"], resources)
+        hexes = measures.get("hex_fidelity", 0.0) >= LEAST
         described = Described(
             material.name, dict(tile.outputs), space, hand, relief=material.facts.height_m,
             hexes=write_hexes(maps, self.folder, space, resources) if recipe.deliver.hex and hexes else {},

@@ -18,10 +18,10 @@ FOLDER = "hex"
 LEAST = materials.BLENDABLE
 
 
-def hex_fidelity(color: Image, resources: Resources) -> float | None:
-    """How much of a tile a plane of hexagons preserves, 0 to 1; None: the tile is too small to measure."""
+def hex_measures(color: Image, resources: Resources) -> dict[str, float]:
+    """The fidelity of a plane of hexagons to its tile, 0 to 1; empty if the tile is too small to measure."""
     found = materials.judged(lab_of_linear(linear_of(color.first, resources)).astype(np.float32))
-    return None if found is None else found.value
+    return {} if found is None else {"hex_fidelity": found.value}
 
 
 def write_hexes(
