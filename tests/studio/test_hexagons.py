@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.hexes import LEAST, hex_measures, write_hexes
+from oiiotex_studio.library.upkeep import check
 from oiiotex_studio.materials.documents import Described, materialx_faults, write_materialx
 from oiiotex_studio.recipes.recipe import Deliver
 
@@ -21,6 +23,9 @@ from oiiotex.synthesis.wang.viewer import shader
 from tests import pictures
 from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium
+from tests.conftest import load, save
+from tests.library_makings import LINE, brought_in, recipe
+from tests.library_makings import here as here
 from tests.reference.wang import bilinear
 from tests.studio.test_wang_renderers import RASTER, compiled, generated, needs_glslang
 
@@ -294,6 +299,28 @@ def test_a_browser_draws_the_plane(moss, tmp_path):
             shown = np.array(page.evaluate(DRAW, given)).reshape(count, count, 4)[..., :3]
             apart = np.abs(shown - blended(tile, *places(left, top, count))).max(-1)
             assert (apart <= 1 / 255).mean() >= 0.999, json.dumps([float(apart.max()), float((apart > 1 / 255).mean())])
+
+
+def test_a_plane_of_hexagons_is_delivered_where_it_is_right(tmp_path, here):
+    """Soil gets one, and bricks do not; both say how much of the tile it preserves."""
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    save(pictures.moss(256, 256, 1), photos / "soil_diff_1k.png")
+    save(pictures.bricks(256, 256, 1), photos / "wall_diff_1k.png")
+    save(pictures.moss(256, 256, 2)[..., :1], photos / "soil_rough_1k.png")
+    brought_in(photos, tmp_path / "library", recipe(LINE + "[deliver]\nhex = true\ntx = false\n"))
+    (soil,), (wall,) = ((tmp_path / "library").glob(f"assets/{name}/*") for name in ("soil", "wall"))
+    assert {path.name for path in (soil / "hex").iterdir()} == {
+        "color.exr", "color_table.exr", "roughness.exr", "roughness_table.exr",
+        "sample_hex.glsl", "sample_hex.hlsl", "sample_hex.wgsl",
+    }  # fmt: skip
+    assert "hex/color.exr" in (soil / "soil.mtlx").read_text() and not (wall / "hex").exists()
+    height, width = load(soil / "compared.jpg").shape[:2]
+    assert width > 2 * height and not (wall / "compared.jpg").exists()
+    assert "hextiled" not in (wall / "wall.mtlx").read_text()
+    with Catalog(tmp_path / "library") as catalog:
+        assert catalog.measures()["wall"]["hex_fidelity"] < 0.7 < 0.77 <= catalog.measures()["soil"]["hex_fidelity"]
+        assert list(check(catalog)) == []
 
 
 def test_what_conflicts_is_said():

@@ -136,28 +136,6 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
             assert list(check(catalog)) == []
 
 
-def test_a_plane_of_hexagons_is_delivered_where_it_is_right(tmp_path, here):
-    """Soil gets one, and bricks do not; both say how much of the tile it preserves."""
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    save(drawn.moss(256, 256, 1), photos / "soil_diff_1k.png")
-    save(drawn.bricks(256, 256, 1), photos / "wall_diff_1k.png")
-    save(drawn.moss(256, 256, 2)[..., :1], photos / "soil_rough_1k.png")
-    brought_in(photos, tmp_path / "library", recipe(LINE + "[deliver]\nhex = true\ntx = false\n"))
-    (soil,), (wall,) = ((tmp_path / "library").glob(f"assets/{name}/*") for name in ("soil", "wall"))
-    assert {path.name for path in (soil / "hex").iterdir()} == {
-        "color.exr", "color_table.exr", "roughness.exr", "roughness_table.exr",
-        "sample_hex.glsl", "sample_hex.hlsl", "sample_hex.wgsl",
-    }  # fmt: skip
-    assert "hex/color.exr" in (soil / "soil.mtlx").read_text() and not (wall / "hex").exists()
-    height, width = load(soil / "compared.jpg").shape[:2]
-    assert width > 2 * height and not (wall / "compared.jpg").exists()
-    assert "hextiled" not in (wall / "wall.mtlx").read_text()
-    with Catalog(tmp_path / "library") as catalog:
-        assert catalog.measures()["wall"]["hex_fidelity"] < 0.7 < 0.77 <= catalog.measures()["soil"]["hex_fidelity"]
-        assert list(check(catalog)) == []
-
-
 def test_normals_that_are_short_in_the_scan_are_no_fault_of_the_tile(photos, tmp_path, here):
     path = photos / "scans/wall_nor_gl_1k.png"
     save(0.5 + 0.7 * (load(path) / 255 - 0.5), path)  # of length 0.7
