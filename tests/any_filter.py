@@ -28,6 +28,8 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
+    # its first frame is the middle of the photo, whatever the seed
+    found |= {"lod": 7, "size": Size(72, 64)} if op.name == "zoom" else {}
     return found | {name: value for name, value in more.items() if name in names}
 
 
