@@ -31,11 +31,9 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"tiled": "xy"} if op.name == "transition" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
-    found |= (
-        {"lights": Numbers((0, 1, 1, -1, -0.5, 1, 1, -0.5, 1, 0, -1, 1, 1, 0.5, 1, -1, 0.5, 1))}
-        if op.name == "capture"
-        else {}
-    )
+    found |= {"lights": Numbers(LIGHTS)} if op.name == "capture" else {}
+    # its first frame is the middle of the photo, whatever the seed
+    found |= {"lod": 7, "size": Size(72, 64)} if op.name == "zoom" else {}
     return found | {name: value for name, value in more.items() if name in names}
 
 
@@ -126,6 +124,7 @@ RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PLATES = ("project",)  # and a plate with the same channels
 PAINTINGS = ("paint",)  # and a painting of labels
+LIGHTS = (0, 1, 1, -1, -0.5, 1, 1, -0.5, 1, 0, -1, 1, 1, 0.5, 1, -1, 0.5, 1)  # of its photos, equally high
 SEVERAL = {"capture": 6, "transition": 2}  # images that they take: of one surface under other lights; tiles
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it

@@ -353,7 +353,7 @@ def multiscale(far: Far) -> None:
     parent[py, px], parent_r[py - 1 : py + 2, px - 1 : px + 2] = 5, 16
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
-    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32)  # nothing to keep in step with
+    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32), *(0,) * 4  # nothing to keep
     run(
         "upsample",
         (X, Y),
@@ -365,8 +365,7 @@ def multiscale(far: Far) -> None:
         stack,
         finer,
         spacing,
-        np.ones(1, np.int32),
-        5,
+        *(np.ones(1, np.int32), 5),
         *places,
         *far_away,
         *(np.uint32(3), np.uint32(1), 0, 256),
@@ -382,7 +381,8 @@ def multiscale(far: Far) -> None:
     links, records = np.full(2048, 77, np.uint32), np.zeros((1024, 32), np.int16)
     offsets, basis = np.zeros((2048, 4), np.int16), np.zeros((26, 2, 16, 2), np.int16)
     r[Y, x] = 1
-    run("correct", at, texel, r, color, links, records, offsets, basis, spacing, 5, WIDTH, 0, 0, i + 1, j + 1, 8)
+    given = texel, r, color, links, records, offsets, basis, spacing, 5
+    run("correct", at, *given, WIDTH, 0, 0, i + 1, j + 1, 8, 0, 0, 0, 0)
     assert texel[Y, x] == 77
     texel[Y, x] = 5
     run("color", (i, j), texel, r, stack, color, WIDTH, 0, 0, i + 1, j + 1)

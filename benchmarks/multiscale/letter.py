@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """HRRG08 figure 3 by the letter, and what could keep its contrast: `python -m benchmarks.multiscale.letter`.
 
-Standard deviation of L over the exemplar's in four windows of 64 px, for exemplars of 64 px with an edge of r = 1 to
-themselves. `jitter to the root` has none on the root's two finest levels and beyond. Exact neighbors (eq. 2) replace
-those of PatchMatch: of projected neighborhoods, or of whole ones, which no basis of principal components can surpass.
+Standard deviation of L over the exemplar's in four windows of 64 px, some octaves below the exemplar's resolution, for
+exemplars with an edge to themselves: crops of four photos, and noise of a 1/f spectrum, which is similar to itself at
+all scales. `jitter to the root` has none on the root's two finest levels and beyond. Exact neighbors (eq. 2), of 64 px,
+replace those of PatchMatch: of projected neighborhoods, or of whole ones, which no basis of principal components can
+surpass.
 """
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 from unittest import mock
 
 import numpy as np
@@ -23,20 +26,21 @@ from oiiotex.engine.io.reading import read
 from oiiotex.engine.session import Session
 from oiiotex.synthesis.multiscale import candidate_sets, infinite_plane
 from oiiotex.synthesis.multiscale.candidate_sets import DISC, Stacks, basis_of, neighborhoods, project
+from oiiotex.synthesis.multiscale.contrast import with_contrast
 from oiiotex.synthesis.multiscale.graph import Graph
 from oiiotex.synthesis.multiscale.infinite_plane import opened
 from oiiotex.synthesis.multiscale.synthesizer import Synthesizer, default_jitter
 from tools.demo import save
 
 PHOTOS = "pebbles_beach_shadow", "stone_breccia", "sandstone_wall_cracked", "clover_lawn"
-LEVELS, SIDE, AT_ONCE = (9, 12, 16, 20), 64, 512
+OCTAVES, AT_ONCE = (3, 6, 10, 20), 512
 
 
 def exact(dims: int | None):
     """The two best candidates of every texel, by projected neighborhoods, or by whole ones for None."""
 
     def _level(device: object, buffers: object, stacks: Stacks, number: int) -> np.ndarray:
-        side, admissible = SIDE, [to for to, _ in stacks.levels.admissible[number]]
+        side, admissible = stacks.planes.shape[1], [to for to, _ in stacks.levels.admissible[number]]
         basis = None if dims is None else basis_of(stacks, dims)[0]
 
         def seen(level: int) -> np.ndarray:
@@ -62,47 +66,88 @@ def exact(dims: int | None):
     return _level
 
 
-def spreads(path: Path, session: Session, dims: int, jitter: str, search: object) -> list[float]:
-    """Of the levels, relative to the exemplar."""
-    what = mock.patch.object(candidate_sets, "_level", search or candidate_sets._level)
+class Way(NamedTuple):
+    """How a zoom is made: with `paper=1` and its exceptions, or as by default."""
+
+    side: int = 64  # px of the exemplar
+    r: int = 1
+    dims: int = 6
+    to_root: bool = False
+    search: object = None
+    literal: bool = True
+
+
+WAYS = {
+    "jitter to the root, 64 px": Way(to_root=True),
+    "`paper=1`, 64 px": Way(),
+    "exact neighbors in six dimensions, 64 px": Way(search=exact(6)),
+    "exact neighbors in all 75, 64 px": Way(search=exact(None)),
+    "sixteen dimensions, 64 px": Way(dims=16),
+    "`paper=1`, 128 px": Way(128),
+    "`paper=1`, 256 px": Way(256),
+    "`paper=1`, 256 px, r = 3": Way(256, r=3),
+    "default, 256 px": Way(256, dims=16, literal=False),
+    "default, 256 px, r = 3": Way(256, r=3, dims=16, literal=False),
+}
+
+
+def spreads(path: Path, session: Session, way: Way) -> list[float]:
+    """Some octaves below the exemplar, relative to its own."""
+    what = mock.patch.object(candidate_sets, "_level", way.search or candidate_sets._level)
+    how = {"side": way.side, "dims": way.dims, "correct": True, "literal": way.literal, "space": Space.LAB}
     with what, mock.patch.object(infinite_plane, "analysis_folder", lambda: None):
-        how = {"side": SIDE, "dims": dims, "correct": True, "literal": True, "space": Space.LAB}
         image = read(path, session.resources.cache)
-        plane = opened(session.resources, session.progress, Graph.loop("photo", 1), (image,), str(path), **how)
-    root = default_jitter(plane.finest) if jitter == "root" else None
-    settings = plane.settings(seed=1, lock=0, jitter=root)
+        plane = opened(session.resources, session.progress, Graph.loop("photo", way.r), (image,), str(path), **how)
+    settings = plane.settings(seed=1, lock=0, jitter=default_jitter(plane.finest) if way.to_root else None)
     maker = Synthesizer(session.resources.device, plane.analysis, settings, session.resources.budget)
+    if not way.literal:
+        maker = with_contrast(maker, plane.analysis, None, "")
     own = plane.exemplars[0].values[..., 0].std()
+    levels = [plane.finest + octaves for octaves in OCTAVES]
     return [
         float(np.mean([lab(plane, maker, n, Window.sized(x, y, 64, 64))[..., 0].std() for x, y in PLACES]) / own)
-        for n in LEVELS
+        for n in levels
     ]
 
 
-WAYS: dict[str, tuple[int, str, object]] = {
-    "jitter to the root": (6, "root", None),
-    "`paper=1`": (6, "all", None),
-    "exact neighbors in six dimensions": (6, "all", exact(6)),
-    "exact neighbors in all 75": (6, "all", exact(None)),
-    "sixteen dimensions": (16, "all", None),
-}
+def noise(side: int) -> np.ndarray:
+    """Gray noise of a 1/f spectrum that tiles: (side, side, 3) uint8."""
+    frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None])
+    spectrum = np.fft.rfft2(np.random.default_rng(0).standard_normal((side, side))) / np.maximum(frequency, 1 / side)
+    spectrum[0, 0] = 0
+    values = np.fft.irfft2(spectrum, (side, side))
+    return np.repeat(np.clip(128 + 40 * values / values.std(), 0, 255).astype(np.uint8)[..., None], 3, -1)
+
+
+def exemplars(side: int, folder: Path) -> list[Path]:
+    """The middles of the photos, and noise."""
+    paths = []
+    for name in (*PHOTOS, "noise"):
+        if name == "noise":
+            square = noise(side)
+        else:
+            photo = oiio.ImageBuf(str(data_folder() / "photos" / f"{name}.jpg")).get_pixels(oiio.UINT8)[..., :3]
+            top, left = (n // 2 - side // 2 for n in photo.shape[:2])
+            square = np.ascontiguousarray(photo[top : top + side, left : left + side])
+        paths.append(folder / f"{name}_{side}.png")
+        save(square, paths[-1])
+    return paths
 
 
 def main() -> None:
     """Print the table."""
-    print("| candidates, jitter | " + " | ".join(f"level {n}" for n in LEVELS) + " |", "|---" * 5 + "|", sep="\n")
+    heads = [f"{n} octaves" for n in OCTAVES]
+    print(
+        "| candidates, jitter, exemplar | " + " | ".join([*heads, f"1/f noise: {', '.join(map(str, OCTAVES))}"]) + " |"
+    )
+    print("|---" * 6 + "|")
     with tempfile.TemporaryDirectory() as folder:
-        paths = []
-        for name in PHOTOS:
-            photo = oiio.ImageBuf(str(data_folder() / "photos" / f"{name}.jpg")).get_pixels(oiio.UINT8)[..., :3]
-            top, left = (n // 2 - SIDE // 2 for n in photo.shape[:2])
-            paths.append(Path(folder) / f"{name}.png")
-            save(np.ascontiguousarray(photo[top : top + SIDE, left : left + SIDE]), paths[-1])
         for name, way in WAYS.items():
-            found = np.array([spreads(path, Session(autocc=True), *way) for path in paths])
-            ends = zip(found.mean(0), found.min(0), found.max(0), strict=True)
+            found = np.array([spreads(path, Session(autocc=True), way) for path in exemplars(way.side, Path(folder))])
+            photos, own = found[:-1], found[-1]
+            ends = zip(photos.mean(0), photos.min(0), photos.max(0), strict=True)
             cells = [f"{mean:.3f} ({low:.3f} to {high:.3f})" for mean, low, high in ends]
-            print(f"| {name} | {' | '.join(cells)} |", flush=True)
+            print(f"| {name} | {' | '.join(cells)} | {', '.join(f'{one:.3f}' for one in own)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@
 #define RECORD (2 * DIMS) // per texel: the neighborhoods of its two candidates, a cache line
 #define LATTICE 1         // values of `regular`
 #define COURSES 2
+// whether a pixel of a window is in the root's own cell
+#define WITHIN_OWN(x, y) ((x) >= own_left && (y) >= own_top && (x) < own_right && (y) < own_bottom)
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
 #if RUN > 1
 #define UNROLL _Pragma("unroll")
@@ -74,7 +76,8 @@ static inline uint in_courses(uint texel, long px, long py, __constant uint *pha
 // parent. (left, top) is the origin of the window, (from_x, from_y) the parent of its first pixel in the parents'
 // window. rho is in 1/256; `tiles` says for every level whether its exemplar is a torus. Departures: h_k is the
 // child's spacing; past the end of a stack the texel is repeated; exemplars that do not tile are mirrored; R is
-// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice or courses.
+// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice or courses; pixels
+// of the root's own cell have neither jitter nor R.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
                                   __global short4 *restrict color, const __global short4 *restrict stack,
@@ -83,7 +86,8 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
                                   long around_x, long around_y, uint level, uint seed, int rho, int keep,
                                   int regular, __constant uint *phases, __constant int *steps,
-                                  const __global uint *restrict rows) {
+                                  const __global uint *restrict rows, int own_left, int own_top, int own_right,
+                                  int own_bottom) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= width || j >= height) return;
   int odd_x = (int)((left + i) & 1), odd_y = (int)((top + j) & 1);
@@ -99,7 +103,7 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
   long at_x = left + i, at_y = top + j;
   if (around_x > 0) at_x = ((at_x % around_x) + around_x) % around_x;
   if (around_y > 0) at_y = ((at_y % around_y) + around_y) % around_y;
-  if (rho > 0) {
+  if (rho > 0 && !WITHIN_OWN(i, j)) {
     uint bits = place_hash(at_x, at_y, level, seed);
     // J = floor(h H rho + 1/2), H in [-1, 1) from 16 bits
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
@@ -111,10 +115,10 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
   long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);
-  short4 own = offset_sum((inherited * keep + 2048) >> 12);
+  short4 offset = WITHIN_OWN(i, j) ? (short4)(0) : offset_sum((inherited * keep + 2048) >> 12);
   texel[q] = made;
-  r[q] = own;
-  color[q] = stack[made] + own;
+  r[q] = offset;
+  color[q] = stack[made] + offset;
 }
 
 // --- correction (section 4.4) ---
@@ -216,12 +220,14 @@ static inline uint best_candidate(const uint *near, const __global uint *texel, 
 // best by eq. 5. They read texels of neighbors with other parities, and colors that change only in multiscale_color,
 // so their order does not matter. An item processes RUN pixels of a row.
 // Departures: a neighbor's texel is shifted before its candidates are looked up, so that they need no separate
-// correction; costs of second candidates are multiplied by (16 + penalty) / 16.
+// correction; costs of second candidates are multiplied by (16 + penalty) / 16; pixels of
+// the root's own cell keep their texel.
 __kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,
                                  const __global int *restrict color, const __global uint *restrict links,
                                  const __global short *restrict records, const __global short4 *restrict offsets,
                                  const __global short *restrict basis, const __global int *restrict spacing, int side,
-                                 int width, int first_x, int first_y, int count_x, int count_y, int penalty) {
+                                 int width, int first_x, int first_y, int count_x, int count_y, int penalty,
+                                 int own_left, int own_top, int own_right, int own_bottom) {
   int i = RUN * get_global_id(0), j = get_global_id(1);
   if (i >= count_x || j >= count_y) return;
   size_t first = AT(first_y + 2 * j, first_x + 2 * i, width);
@@ -239,6 +245,7 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
     chosen[m] = best_candidate(near + NEAR * m, texel, first + 2 * m, width, spacing, side, wanted, records, penalty);
   }
   for (int m = 0; m < count; m++) {
+    if (WITHIN_OWN(first_x + 2 * (i + m), first_y + 2 * j)) continue;
     size_t p = first + 2 * m;
     texel[p] = links[chosen[m]];
     r[p] = offset_sum(convert_int4(r[p]) + convert_int4(offsets[chosen[m]]));   // composed with the candidate's r

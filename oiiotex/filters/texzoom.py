@@ -22,6 +22,7 @@ from ..surfaces.charts.drawing import shown_pixels
 from ..synthesis.multiscale.graph import LOOP_R, Graph
 from ..synthesis.multiscale.infinite_plane import Plane
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
+from ..synthesis.multiscale.stacks import common_side
 from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.multiscale.zoom import Zoomed, views
 from ..synthesis.quality.report import REPORT, Quality
@@ -37,7 +38,8 @@ class Zoom(Multiscale):
     Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). At integer octaves, a frame is a
     window of `synth` at that level; in between, the two nearest levels are resampled and blended.
 
-    Without `graph`, the zoom into the photo is endless: at its finest resolution, the photo continues in itself.
+    Without `graph`, the zoom begins with the photo's pixels, cropped to a square, and is endless: past its finest
+    resolution, the photo continues in itself.
     """
 
     example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
@@ -78,7 +80,7 @@ class Zoom(Multiscale):
         example="64,48",
         help="Point X,Y to zoom into, in pixels of the root.",
     )
-    size: Size | None = param(None, ge=1, le=1 << 16, unit="px", unset="size of the root", help="Size of the frame.")
+    size: Size | None = param(None, ge=1, le=1 << 16, unit="px", unset="the root's square", help="Size of the frame.")
     movie: Path | None = param(
         None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
     )
@@ -88,14 +90,19 @@ class Zoom(Multiscale):
         """A graph of one exemplar with an edge to itself."""
         return Graph.loop(name, LOOP_R)
 
+    @property
+    def rooted(self) -> bool:
+        """Whether the zoom begins with the photo. Departure: in HRRG08, levels up to the root's are random as well."""
+        return self.graph is None and not self.paper
+
     def plan(self, facts: Facts) -> Plan:
         """The measures, and the exemplars."""
         if self.center is not None and len(self.center) != 2:
             raise ParameterError(parameter="center", value=self.center, expected="two numbers, X,Y")
         quality = Quality(op=self, facts=facts, copies=False)
         graph, images = self.exemplars(facts)
-        spec = images[graph.root].first.spec
-        size = self.size or Size(spec.width, spec.height)
+        side = common_side(images, graph, facts, self.most_side)
+        size = self.size or Size(side, side)
         if self.movie and self.movie.suffix.lower() == ".gif":
             need = 2 * self.count * size.width * size.height
             facts.require(need, f"a GIF of {self.count} frames", "reduce count")

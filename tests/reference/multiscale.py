@@ -27,7 +27,11 @@ class Oracle:
         order = []
         for n in range(settings.passes):
             order += [(0, 0), (1, 1), (0, 1), (1, 0)] if n % 2 == 0 else [(0, 1), (1, 0), (0, 0), (1, 1)]
-        self.order, self.known = order, {}
+        self.order, self.known, self.shown = order, {}, 0
+
+    def in_root(self, level, x, y):
+        """Whether a pixel is the root's own."""
+        return level <= self.s.root_level and min(x, y) >= 0 and max(x, y) < 1 << level
 
     def ask(self, level, sub, x, y):
         """(texel (number, y, x), R) of a pixel after `sub` subpasses of a level."""
@@ -35,11 +39,15 @@ class Oracle:
         if key not in self.known:
             if sub == 0:
                 self.known[key] = self.upsampled(level, x, y)
-            elif (x & 1, y & 1) != self.order[sub - 1]:
+            elif (x & 1, y & 1) != self.order[sub - 1] or (self.in_root(level, x, y) and not self.leads(level)):
                 self.known[key] = self.ask(level, sub - 1, x, y)
             else:
                 self.known[key] = self.corrected(level, sub - 1, x, y)
         return self.known[key]
+
+    def leads(self, level):
+        """Whether it is the root's finest level, and the next one is shown."""
+        return level == self.s.root_level < self.shown
 
     def done(self, level, x, y):
         return self.ask(level, len(self.order) if level >= FIRST_CORRECTED else 0, x, y)
@@ -50,12 +58,14 @@ class Oracle:
         sx, sy = 2 * (x & 1) - 1, 2 * (y & 1) - 1
         px, py = x >> 1, y >> 1
         (number, v, u), r = self.done(level - 1, px, py)
-        finer = self.levels.finer[number]
+        first = self.levels.first_left if self.leads(level) else self.levels.first_finer
+        finer = (first if level <= self.s.root_level else self.levels.finer)[number]
         h = self.levels.spacing(finer)
         if finer != number:
             u, v = u + (h * sx) // 2, v + (h * sy) // 2
         rho = self.s.rho(level)
-        if rho:
+        own = self.in_root(level, x, y)
+        if rho and not own:
             width, height = self.s.period(level)
             bits = place_hash(x % width if width else x, y % height if height else y, level, self.s.seed)
             u += int(np.floor(h * (rho / 256) * ((bits >> 16) - 32768) / 32768 + 0.5))
@@ -67,7 +77,8 @@ class Oracle:
             u, v = u % self.n, v % self.n  # in phase, opposite borders look alike
         others = [self.done(level - 1, px + a, py + b)[1] for a, b in ((sx, 0), (0, sy), (sx, sy))]
         r = (9 * r + 3 * others[0] + 3 * others[1] + others[2]) * round(256 * self.s.kept)
-        return (finer, self.within(finer, v), self.within(finer, u)), np.clip((r + 2048) >> 12, -8191, 8191)
+        r = np.zeros(3, np.int64) if own else np.clip((r + 2048) >> 12, -8191, 8191)
+        return (finer, self.within(finer, v), self.within(finer, u)), r
 
     def within(self, number, at):
         """A coordinate inside its exemplar: wrapped where the exemplar tiles, otherwise mirrored."""
@@ -117,6 +128,7 @@ class Oracle:
 
     def window(self, level, left, top, right, bottom):
         """Texel numbers and R, as `multiscale.Synthesizer` gives them."""
+        self.known, self.shown = {}, level
         texel = np.zeros((bottom - top, right - left), np.uint32)
         offset = np.zeros((bottom - top, right - left, 3), np.int64)
         for y in range(top, bottom):

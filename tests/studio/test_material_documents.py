@@ -12,6 +12,7 @@ from oiiotex_studio.materials import preview as pictures
 
 from oiiotex.engine import errors
 from oiiotex.surfaces.charts import lighting
+from oiiotex.surfaces.charts.hexagons import gaussianized
 from tests import pictures as drawn
 
 
@@ -22,7 +23,9 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     (tmp_path / "tile").mkdir()
     for file in maps.values():
         (tmp_path / file).touch()
-    described = documents.Described("a b", maps, "lin_rec709_scene", "directx", lattice=False)
+    plain = gaussianized(drawn.moss(16, 16, 1))
+    hexes = {role: (file, plain) for role, file in maps.items() if role != "normal"}
+    described = documents.Described("a b", maps, "lin_rec709_scene", "directx", hexes=hexes)
     documents.write_materialx(described, tmp_path)
     for name, category in (("a b", "open_pbr_surface"), ("a b_standard", "standard_surface")):
         assert documents.materialx_faults(tmp_path / f"{name}.mtlx") == []
@@ -38,7 +41,7 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     assert "can't decode byte 0xb1" in documents.materialx_faults(tmp_path / "bytes.mtlx")[0]
     (tmp_path / "long.mtlx").write_bytes(text.replace(b"ao.exr", b"a" * 5000))
     assert "is missing" in documents.materialx_faults(tmp_path / "long.mtlx")[0]
-    documents.write_materialx(documents.Described("brick", maps, "ACEScg", "opengl", lattice=True), tmp_path)
+    documents.write_materialx(documents.Described("brick", maps, "ACEScg", "opengl"), tmp_path)
     assert "hextiled" not in (tmp_path / "brick.mtlx").read_text()
     pxr = pytest.importorskip("pxr.UsdShade", reason="NOT RUN: no usd-core")
     from pxr import Usd
@@ -92,7 +95,7 @@ def test_hex_tiling_keeps_colors_and_breaks_repetition():
     assert np.abs(shown - np.roll(shown, 64, 1)).mean() > 0.02
     waves = 0.5 + 0.4 * np.cos(2 * np.pi * np.arange(256) / 256)
     smooth = np.broadcast_to(waves[:, None, None] * waves[None, :, None], (256, 256, 3))
-    coarse, fine = (np.abs(np.diff(pictures.hex_tiled(smooth, 2, side), axis=1)).max() for side in (128, 512))
+    coarse, fine = (np.abs(np.diff(pictures.hex_tiled(smooth, 2, side), axis=1)).max() for side in (256, 1024))
     assert fine < 0.4 * coarse  # nothing jumps where hexagons meet
 
 
@@ -130,7 +133,7 @@ def test_rough_metal_is_duller_than_smooth():
 def test_a_photo_alone_is_as_rough_in_documents_as_in_previews(tmp_path):
     pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
     pytest.importorskip("pxr.UsdShade", reason="NOT RUN: no usd-core")
-    described = documents.Described("moss", {"color": "moss.exr"}, "lin_rec709_scene", "", lattice=True)
+    described = documents.Described("moss", {"color": "moss.exr"}, "lin_rec709_scene", "")
     documents.write_materialx(described, tmp_path)
     documents.write_usd(described, tmp_path)
     wang = wang_documents.WangMaterial("moss", described.maps, "index.png", 4, "lin_rec709_scene", "", (1, 1), 0)

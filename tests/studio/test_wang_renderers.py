@@ -63,8 +63,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def generated(path: Path, target: str) -> list[str]:
-    """The sources of a document's material in a language; raises an exception of MaterialX."""
+def generated(path: Path, target: str, number: int = 0) -> list[str]:
+    """The sources of one of a document's materials in a language; raises an exception of MaterialX."""
     mx = pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
     import MaterialX.PyMaterialXGenGlsl as glsl
     import MaterialX.PyMaterialXGenMdl as mdl
@@ -98,7 +98,7 @@ def generated(path: Path, target: str) -> list[str]:
     units.setUnitConverterRegistry(registry)
     generator.setUnitSystem(units)
     context.getOptions().targetDistanceUnit = "meter"
-    made = generator.generate("wall", document.getMaterialNodes()[0], context)
+    made = generator.generate("wall", document.getMaterialNodes()[number], context)
     assert made is not None
     stages = [gen.PIXEL_STAGE, gen.VERTEX_STAGE] if target in ("glsl", "essl", "vulkan") else [gen.PIXEL_STAGE]
     return [made.getSourceCode(stage) for stage in stages]
@@ -153,7 +153,7 @@ def test_documents_generate_every_language(folder, tmp_path, target, name):
 @pytest.mark.parametrize("name", ["plain", "plain_standard"])
 def test_documents_of_one_tile_generate_every_language(tmp_path, target, name):
     maps = {role: f"{role}.exr" for role in ("color", "normal", "roughness", "metal", "opacity", "emission")}
-    write_materialx(Described("plain", maps, "lin_rec709_scene", "directx", lattice=False), tmp_path)
+    write_materialx(Described("plain", maps, "lin_rec709_scene", "directx"), tmp_path)
     sources = generated(tmp_path / f"{name}.mtlx", target)
     images = [f"{role}_image_file" for role in maps]
     assert target == "mdl" or all(image in sources[0] for image in images)  # MDL names its own textures

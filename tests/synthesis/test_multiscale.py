@@ -187,6 +187,35 @@ def test_without_jitter_the_root_itself_comes_out(device, plain):
     np.testing.assert_array_equal(found, finest * 1024 + np.arange(1024).reshape(32, 32))
 
 
+@pytest.fixture(scope="module")
+def rooted(device):
+    """A loop whose plane contains the root itself."""
+    stacks = stacks_of(graph_of("a", ("a", "a", 1)), [exemplar_of(pictures.pebbles(32, 32, 1))], rooted=True)
+    return analyze(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+
+
+@pytest.mark.parametrize("level, place", [(4, (-2, 13)), (5, (-3, 28)), (6, (60, -2)), (6, (20, 20))])
+def test_a_window_around_the_root_is_the_oracles(rooted, in_lanes, level, place):
+    whole = settings(jitter=(0.0, 0.6), root_level=5)
+    window = Window.sized(*place, 6, 6)
+    texel, offset = Oracle(rooted, whole).window(level, *window)
+    for device in in_lanes:
+        made = Synthesizer(device, rooted, whole, BUDGET).window(level, window)
+        np.testing.assert_array_equal(made.texel, texel)
+        np.testing.assert_array_equal(made.offset[..., :3], offset)
+
+
+def test_the_root_itself_is_in_its_plane(device, rooted):
+    """To the pixel at its resolution; from the next level on, it is refined by other texels."""
+    maker = Synthesizer(device, rooted, settings(jitter=(0.0, 0.6), root_level=5), BUDGET)
+    wide = maker.window(5, Window(-8, -8, 40, 40))
+    np.testing.assert_array_equal(wide.texel[8:40, 8:40] & 1023, np.arange(1024).reshape(32, 32))
+    levels = rooted.stacks.levels.stacks
+    assert {levels[n] for n in np.unique(wide.texel >> 10)} == {(0, 5)}  # around it are pixels of the root, too
+    assert not wide.offset.any() and len(np.unique(wide.texel[:8])) > 100
+    assert all(levels[n][1] < 5 for n in np.unique(maker.window(6, Window(0, 0, 64, 64)).texel >> 10))
+
+
 def test_jitter_by_level():
     assert default_jitter(7) == (0.0, 1.0, 1.0, 1.0, 0.6, 0.6, 0.0)
     assert default_jitter(4) == (0.0, 1.0, 1.0, 0.0) and not any(default_jitter(2))

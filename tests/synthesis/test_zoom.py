@@ -13,6 +13,7 @@ from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.synthesis.multiscale.zoom import filtered, taps, views
 from tests import pictures
+from tests.any_filter import buffer
 from tests.conftest import load, run_in, save
 
 SRGB = "srgb_rec709_scene"
@@ -81,6 +82,19 @@ def test_whole_octaves_are_windows_of_the_texture(folder):
         x, y = 20 * 2 ** (level - 6) - 40, 30 * 2 ** (level - 6) - 30
         run_in(folder, f"--texsynth:graph=loop.json:lod={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
         np.testing.assert_array_equal(load(folder / f"z.{frame:04d}.exr"), load(folder / "w.exr"))
+
+
+@pytest.mark.parametrize("kind", ["pebbles", "moss", "bricks"])
+def test_the_first_frame_is_the_photo(kind):
+    """Every pixel of the default; the photo's middle, if it is no square of a power of two."""
+    image = getattr(pictures, kind)(75, 70, 1)
+    pixels = buffer(image).get_pixels(oiio.FLOAT)
+    first = filters.zoom(buffer(image)).get_pixels(oiio.FLOAT)
+    np.testing.assert_array_equal(first, pixels[5:69, 3:67])
+    around = filters.zoom(buffer(image), size=(96, 80)).get_pixels(oiio.FLOAT)
+    np.testing.assert_array_equal(around[8:72, 16:80], first)
+    second = filters.zoom(buffer(image), frame=2).get_pixels(oiio.FLOAT)
+    assert 0 < np.abs(second - first).mean() < 0.6 * first.std()
 
 
 def test_a_frame_depends_on_its_number_alone(folder):

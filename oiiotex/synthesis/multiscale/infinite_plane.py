@@ -36,6 +36,7 @@ from .graph import Graph, read_graph
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
 from .synthesizer import (
     KEPT_IN_LOOPS,
+    PENALTY,
     CourseSteps,
     LatticeSteps,
     PlaneSettings,
@@ -64,6 +65,7 @@ class Plane:
     lens: Lens  # of the root
     analysis: Analysis
     finest: int  # L: the level with pixels of the root's size
+    rooted: bool = False  # its first cell is the root itself, up to L
     _planes: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -84,7 +86,8 @@ class Plane:
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         literal = self.analysis.stacks.levels.literal
         loops = looping and not literal
-        jitter = jitter or self.graph.jitter or default_jitter(self.finest, everywhere=loops or literal)
+        jitter = jitter or self.graph.jitter
+        jitter = jitter or default_jitter(self.finest, everywhere=loops or literal, rooted=self.rooted)
         if lock:
             last = self.finest if lock == 1 else int(lock)
             longer = (*jitter, *jitter[-1:] * (last + 1))
@@ -92,10 +95,12 @@ class Plane:
         return PlaneSettings(
             seed=seed if seed is not None else self.graph.seed or 0,
             jitter=jitter,
+            penalty=1.0 if literal else PENALTY,
             kept=KEPT_IN_LOOPS if loops else 1.0,
             around=around,
             around_level=around_level,
             steps=_steps_of(in_step),
+            root_level=self.finest if self.rooted else -1,
         )
 
     def key(self, settings: PlaneSettings, level: int) -> str:
@@ -177,9 +182,12 @@ def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ..
 def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
-    excluded: np.ndarray | None = None,
+    excluded: np.ndarray | None = None, rooted: bool = False,
 ) -> Plane:  # fmt: skip
-    """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth."""
+    """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth.
+
+    `rooted`: the plane's first cell is the root itself up to its resolution, and the plane continues it.
+    """
     with resources.stats.time("read and color"):
         exemplars, lens = load_exemplars(images, graph, resources, space, side)
         if excluded is not None:
@@ -187,9 +195,11 @@ def opened(
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
-    key = hash_of(graph, dims, correct, literal, *looks)
-    analysis = resources.once(key, lambda: _analyzed(resources, progress, graph, exemplars, dims, correct, literal))
-    return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+    key = hash_of(graph, dims, correct, literal, rooted, *looks)
+    analysis = resources.once(
+        key, lambda: _analyzed(resources, progress, graph, exemplars, dims, correct, literal, rooted)
+    )
+    return Plane(graph, tuple(images), exemplars, lens, analysis, finest, rooted)
 
 
 def analysis_folder() -> Path:
@@ -201,10 +211,10 @@ def analysis_folder() -> Path:
 
 def _analyzed(
     resources: Resources, progress: Progress, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool,
-    literal: bool,
+    literal: bool, rooted: bool,
 ) -> Analysis:  # fmt: skip
     with resources.stats.time("Gaussian stacks"):
-        stacks = stacks_of(graph, exemplars, literal)
+        stacks = stacks_of(graph, exemplars, literal, rooted)
     analysis = analyze(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
     _report(graph, exemplars, analysis)
     return analysis

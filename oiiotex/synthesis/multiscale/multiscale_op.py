@@ -107,6 +107,11 @@ class Multiscale(InLab, Reported, AnyWindow):
         return self.exemplarside or 256
 
     @property
+    def rooted(self) -> bool:
+        """Whether the plane's first cell is the root itself."""
+        return False
+
+    @property
     def source(self) -> str:
         """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
@@ -144,6 +149,7 @@ class Multiscale(InLab, Reported, AnyWindow):
             "dims": 6 if self.paper else 16,
             "correct": self.matchcolor,
             "literal": self.paper,
+            "rooted": self.rooted,
         }
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))

@@ -7,6 +7,7 @@ vertex is compared with depend on its depth, so each vertex is kept once: (exemp
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,9 @@ class Levels:
         Index of the next finer level of the same exemplar. The level itself where its stack ends or is left.
     literal : bool
         The paper's settings: endless zooms lose contrast.
+    first_finer, first_left : tuple of int
+        `finer` up to L on a plane that contains the root itself: as far as L is shown, and where finer levels follow.
+        In the former, the root's finest levels are copies that nothing replaces. Otherwise both are `finer`.
     """
 
     finest: int
@@ -39,6 +43,12 @@ class Levels:
     admissible: tuple[tuple[tuple[int, int], ...], ...]
     finer: tuple[int, ...]
     literal: bool = False
+    first_finer: tuple[int, ...] = ()
+    first_left: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("first_finer", "first_left"):
+            object.__setattr__(self, name, getattr(self, name) or self.finer)
 
     def spacing(self, number: int) -> int:
         """h = 2^(L - k), px: spacing of a level's texels in a neighborhood."""
@@ -50,7 +60,9 @@ class Levels:
         return not self.literal and all(r > 0 and self.stacks[to][0] == exemplar for to, r in self.admissible[number])
 
 
-def unrolled(graph: Graph, finest: int, early: Collection[int] = (), literal: bool = False) -> Levels:
+def unrolled(
+    graph: Graph, finest: int, early: Collection[int] = (), literal: bool = False, rooted: bool = False
+) -> Levels:
     """All levels reached from the root's coarsest by refining (red edges) and replacing (black edges).
 
     Parameters
@@ -61,11 +73,14 @@ def unrolled(graph: Graph, finest: int, early: Collection[int] = (), literal: bo
         Exemplars whose two finest levels, not one, lead nowhere.
     literal : bool
         Without the departures described here: the finest level of every exemplar leads nowhere.
+    rooted : bool
+        The plane contains the root itself: up to L, its levels only lead to each other.
     """
     graph = graph if literal else with_long_turns(graph, finest)
     left_out = (1,) * len(graph.names) if literal else _left_out(graph, early)
     first, last = (graph.root, 0), [finest - n for n in left_out]
-    order, waiting = {first: 0}, [first]
+    order = {at: n for n, at in enumerate([first, (graph.root, finest)][: 1 + rooted])}
+    waiting = list(order)
     onward: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     refined: dict[tuple[int, int], tuple[int, int]] = {}
     while waiting:
@@ -79,7 +94,30 @@ def unrolled(graph: Graph, finest: int, early: Collection[int] = (), literal: bo
                 order[to] = len(order)
                 waiting.append(to)
     admissible = tuple(tuple((order[t, k], r) for t, k, r in onward[at]) for at in order)
-    return Levels(finest, tuple(order), admissible, tuple(order[refined[at]] for at in order), literal)
+    levels = Levels(finest, tuple(order), admissible, tuple(order[refined[at]] for at in order), literal)
+    return _rooted(levels, graph.root, last[graph.root]) if rooted else levels
+
+
+def _rooted(levels: Levels, root: int, last: int) -> Levels:
+    """The levels with copies of the root's that are finer than `last`, which nothing replaces.
+
+    Departure: HRRG08 leaves the finest level at once, so that a zoom into a photo never shows the photo.
+    """
+    finest, count = levels.finest, len(levels.stacks)
+    copies = {level: count + n for n, level in enumerate(range(last + 1, finest + 1))}
+    numbers = [levels.stacks.index((root, level)) for level in range(last + 1)] + list(copies.values())
+    shown = [*levels.finer, *copies.values()]
+    for coarse, fine in itertools.pairwise(numbers):
+        shown[coarse] = fine
+    left = [levels.stacks.index((root, finest)) if n == copies[finest] else n for n in shown]
+    return replace(
+        levels,
+        stacks=(*levels.stacks, *((root, level) for level in copies)),
+        admissible=(*levels.admissible, *(((n, 0),) for n in copies.values())),
+        finer=(*levels.finer, *copies.values()),
+        first_finer=tuple(shown),
+        first_left=tuple(left),
+    )
 
 
 def with_long_turns(graph: Graph, finest: int) -> Graph:

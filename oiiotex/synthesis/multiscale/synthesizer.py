@@ -148,6 +148,7 @@ class PlaneSettings:
     around: tuple[int, int] | None = None  # period of the plane, width and height on `around_level`
     around_level: int = 0
     steps: LatticeSteps | CourseSteps | None = None  # of the one exemplar, if the plane keeps its structure
+    root_level: int = -1  # last level on which the plane's first cell is the root itself: L, or -1 for none
 
     def rho(self, level: int) -> int:
         """Jitter of a level in 1/256."""
@@ -159,16 +160,23 @@ class PlaneSettings:
             return 0, 0
         return self.around[0] >> (self.around_level - level), self.around[1] >> (self.around_level - level)
 
+    def root_cell(self, level: int, window: Window) -> Window:
+        """The part of a level's window that is the root itself, from the window's corner."""
+        side = 1 << level if level <= self.root_level else 0
+        cell = Window(0, 0, side, side) & window
+        return Window(0, 0, 0, 0) if cell.empty else cell.shifted(-window.left, -window.top)
 
-def default_jitter(finest: int, everywhere: bool = False) -> tuple[float, ...]:
+
+def default_jitter(finest: int, everywhere: bool = False, rooted: bool = False) -> tuple[float, ...]:
     """rho by level: none on the root's two finest levels and beyond, which HRRG08 does not say.
 
-    An endless zoom is jittered `everywhere`. Otherwise similar places would stay similar.
+    An endless zoom is jittered `everywhere`, below the root if the plane contains it (`rooted`). Otherwise similar
+    places would stay similar.
     """
-    if everywhere:
+    if everywhere and not rooted:
         return 0.0, JITTER
     jittered = (*FIRST_JITTER, *[JITTER] * finest)[: max(0, finest - 2)]
-    return 0.0, *jittered, 0.0
+    return (0.0, *jittered, *[0.0] * (finest - len(jittered)), JITTER) if rooted else (0.0, *jittered, 0.0)
 
 
 class PlaneState(NamedTuple):
@@ -217,6 +225,8 @@ class Synthesizer:
             "stack": analysis.stacks.planes,  # levels x side x side x 4
             "basis": paired(analysis.basis),  # 26 x 2 x DIMS x 2
             "finer": np.array(levels.finer, np.int32),
+            "first_finer": np.array(levels.first_finer, np.int32),
+            "first_left": np.array(levels.first_left, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
             "tiles": np.array(analysis.stacks.periodic, np.int32),
         }
@@ -295,13 +305,16 @@ class Synthesizer:
         # Departure: S_0 is the root's coarsest texel everywhere; its level contains only a mean
         device.fill(buffers["texel"], self._first, at.width * at.height)
         device.fill(buffers["r"], np.int16(0), 4 * at.width * at.height)
+        settings, shown = self._settings, levels[-1].level
+        leads = settings.root_level if shown > settings.root_level else None  # where the root itself is left
         for entry in levels[1:]:
             buffers.swap("texel", "parent")
             buffers.swap("r", "parent_r")
-            self._upsample(buffers, entry, at)
+            self._upsample(buffers, entry, at, entry.level == leads)
             at = entry.windows[0]
+            own = Window(0, 0, 0, 0) if entry.level == leads else settings.root_cell(entry.level, at)
             for parity, after in zip(schedule(self._settings.passes), entry.windows[1:], strict=False):
-                self._correct(buffers, at, after, parity)
+                self._correct(buffers, at, after, parity, own)
         texel = device.read_later(buffers["texel"], (at.height, at.width), np.uint32)
         offset = device.read_later(buffers["r"], (at.height, at.width, 4), np.int16) if self._moves else None
 
@@ -320,16 +333,18 @@ class Synthesizer:
         layout = {"texel": 4 * most, "r": 8 * most, "parent": 4 * most, "parent_r": 8 * most, "color": 8 * most}
         return Buffers(self._device, layout, self._budget, task)
 
-    def _upsample(self, buffers: Buffers, entry: LevelPlan, before: Window) -> None:
+    def _upsample(self, buffers: Buffers, entry: LevelPlan, before: Window, leads: bool) -> None:
         window, settings, tables = entry.windows[0], self._settings, self._tables
+        finer = tables["finer" if entry.level > settings.root_level else "first_left" if leads else "first_finer"]
         period = settings.period(entry.level)
         self._run(
             "upsample", (window.width, window.height), buffers["parent"], buffers["parent_r"], buffers["texel"],
-            buffers["r"], buffers["color"], tables["stack"], tables["finer"], tables["spacing"], tables["tiles"],
+            buffers["r"], buffers["color"], tables["stack"], finer, tables["spacing"], tables["tiles"],
             self._side, before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top,
             window.width, window.height, np.int64(window.left), np.int64(window.top), np.int64(period[0]),
             np.int64(period[1]), np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level),
             round(256 * settings.kept), *self._steps(entry.level), self._rows,
+            *settings.root_cell(entry.level, window),
         )  # fmt: skip
 
     def _steps(self, level: int) -> tuple[int, Any, Any]:
@@ -342,7 +357,9 @@ class Synthesizer:
             self._stepped[level] = regular, self._device.upload(phases), self._device.upload(moves)
         return self._stepped[level]
 
-    def _correct(self, buffers: Buffers, whole: Window, after: Window, parity: tuple[int, int]) -> None:
+    def _correct(
+        self, buffers: Buffers, whole: Window, after: Window, parity: tuple[int, int], own: Window
+    ) -> None:  # fmt: skip
         left, top = after.left + ((after.left ^ parity[0]) & 1), after.top + ((after.top ^ parity[1]) & 1)
         count = (after.right - left + 1) // 2, (after.bottom - top + 1) // 2
         if min(count) < 1:
@@ -352,7 +369,7 @@ class Synthesizer:
         run(
             "correct", (-(-count[0] // self._at_once), count[1]), buffers["texel"], buffers["r"], buffers["color"],
             tables["links"], tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side,
-            *place, round(16 * (self._settings.penalty - 1)),
+            *place, round(16 * (self._settings.penalty - 1)), *own,
         )  # fmt: skip
         run("color", count, buffers["texel"], buffers["r"], tables["stack"], buffers["color"], *place)
 

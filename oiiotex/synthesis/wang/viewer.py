@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 SHADERS = ("sample_wang.glsl", "sample_wang.hlsl", "sample_wang.wgsl")
+HEX_SHADERS = ("sample_hex.glsl", "sample_hex.hlsl", "sample_hex.wgsl")
 
 
 def shader(name: str) -> str:

@@ -4,6 +4,16 @@
 from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.surfaces.capture.convention import convention_of
 from oiiotex.surfaces.charts.drawing import shown_pixels
+from oiiotex.surfaces.charts.hexagons import (
+    BLENDABLE,
+    EXPONENT,
+    GRID,
+    STREAM,
+    HexMap,
+    blended,
+    gaussianized,
+    judged,
+)
 from oiiotex.surfaces.charts.lighting import (
     FLAT,
     GROUND,
@@ -20,4 +30,4 @@ from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image
 from oiiotex.synthesis.wang.transition import LAYOUT as TRANSITION_LAYOUT
 from oiiotex.synthesis.wang.transition import transition_count, transition_points
-from oiiotex.synthesis.wang.viewer import SHADERS, shader, viewer_page
+from oiiotex.synthesis.wang.viewer import HEX_SHADERS, SHADERS, shader, viewer_page

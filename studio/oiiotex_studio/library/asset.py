@@ -34,6 +34,7 @@ from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
 from .digests import digest_of, faults
+from .hexes import LEAST, hex_measures, write_hexes
 from .runs import WORK
 from .steps import StepFile, run_line
 from .wang import WangFiles, write_wang
@@ -154,20 +155,24 @@ class _Making:
             measures["labels"] = len(labels)
         meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
+        resources, shaded = _session(job).resources, None
+        space = self._space(maps["color"])
+        measures |= {} if lattice or recipe.deliver.wang else hex_measures(maps["color"], resources)
+        hexes = measures.get("hex_fidelity", 0.0) >= LEAST
         described = Described(
-            material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice, relief=material.facts.height_m
-        )
+            material.name, dict(tile.outputs), space, hand, relief=material.facts.height_m,
+            hexes=write_hexes(maps, self.folder, space, resources) if recipe.deliver.hex and hexes else {},
+        )  # fmt: skip
         wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
         if wang is not None:
             side, measures["tiles"] = wang.side, wang.side**2
         delivery.advance(1, 2)
         self._step.begin("pictures")
-        resources, shaded = _session(job).resources, None
         if recipe.deliver.shader:
             document, size_m = self.folder / f"{material.name}.mtlx", wang.size_m if wang else (1.0, 1.0)
             shaded = shaded_sphere(document, maps, resources, preview.LIT, size_m, side)
         looks = preview.Looks.of(maps, resources, hand, side, wang and wang.plane)
-        for name, picture in looks.pictures(recipe.deliver.shape, lattice, self._photo(), shaded).items():
+        for name, picture in looks.pictures(recipe.deliver.shape, hexes, self._photo(), shaded).items():
             preview.save(picture, self.folder / name)
         reasons += [
             f"{limit}: {measures[limit.measure]:.4g}"

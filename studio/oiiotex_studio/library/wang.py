@@ -123,7 +123,7 @@ def write_wang(
     index, plane = str(beside("color", "index").with_suffix(".png")), materials.index_image(side * side, seed)
     write(from_array(plane), folder / index)
     space = maps["color"].first.spec.get_string_attribute(TAG)
-    described = Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m, relief=relief)
+    described = Described(name, tiles, space, "opengl", tile_m=size_m, relief=relief)
     material = WangMaterial(
         described.identifier, textures or atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
     )

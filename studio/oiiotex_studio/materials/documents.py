@@ -5,15 +5,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oiiotex.engine.errors import Error, one_line
 
 from ..api.files import checked_name
-from ..api.materials import ROUGHNESS
+from ..api.materials import ROUGHNESS, HexMap
 from .naming import COLORS
+from .nodes import Hexagons, node_of
 
 if TYPE_CHECKING:
     import MaterialX
@@ -59,8 +60,8 @@ class Described:
         Color space of its color maps.
     hand : str
         Convention of its normals: 'opengl', 'directx' or ''.
-    lattice : bool
-        Whether the texture has a lattice, which hex-tiling would break.
+    hexes : mapping of role to (str, HexMap)
+        File of each map but the normals for a plane of hexagons, and its table. Empty: no such plane.
     tile_m : (float, float)
         Width and height of the maps in units of texture coordinates.
     relief : float
@@ -71,7 +72,7 @@ class Described:
     maps: Mapping[str, str]
     space: str
     hand: str
-    lattice: bool
+    hexes: Mapping[str, tuple[str, HexMap]] = field(default_factory=dict)
     tile_m: tuple[float, float] = (1.0, 1.0)
     relief: float = 0.0
 
@@ -91,7 +92,7 @@ class Described:
 def write_materialx(described: Described, folder: Path) -> None:
     """Write NAME.mtlx with OpenPBR, and NAME_standard.mtlx with standard_surface.
 
-    Each has a material with `image` nodes and, without a lattice, a second one with `hextiledimage`.
+    Each has a material that repeats the tile and, with `hexes`, a second one that is a plane of hexagons.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def write_materialx(described: Described, folder: Path) -> None:
         document.setColorSpace("acescg" if SPACES.get(described.space) == "acescg" else "lin_rec709")  # of shading
         document.setDataLibrary(loaded_libraries())
         _material(document, described, suffix, hex_tiled=False)
-        if not described.lattice:
+        if described.hexes:
             _material(document, described, suffix, hex_tiled=True)
         write_valid(document, folder / f"{described.name}{suffix}.mtlx")
 
@@ -172,18 +173,23 @@ def _material(document: MaterialX.Document, described: Described, suffix: str, h
     name = described.identifier + HEX * hex_tiled
     graph = document.addNodeGraph(f"maps_{name}")
     surface = document.addNode(category, f"surface_{name}", "surfaceshader")
+    hexagons = Hexagons(graph, described.tile_m) if hex_tiled else None
     maps = dict(described.maps)
     inverted = "gloss" in maps and "roughness" not in maps
     if inverted:
         maps["roughness"] = maps.pop("gloss")
     for role, file in maps.items():
         kind = inputs[role][1] if role in inputs else "float"
-        if role == "normal":
-            node = _normals(graph, file, described.hand, hex_tiled)
+        if hexagons and role == "normal":
+            node = opengl_normals(graph, hexagons.mean(role, file, kind), described.hand)
+        elif hexagons:
+            node = _of_hexagons(hexagons, graph, role, kind, described)
+        elif role == "normal":
+            node = _normals(graph, file, described.hand)
         else:
-            node = _texture(graph, role, file, kind, described, hex_tiled)
-            if role == "roughness" and inverted:
-                node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
+            node = _texture(graph, role, file, kind, described)
+        if role == "roughness" and inverted:
+            node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
         output = graph.addOutput(role, kind)
         output.setConnectedNode(node)
         if role in inputs:
@@ -210,37 +216,33 @@ def connect_heights(document: Any, material: Any, graph: Any, name: str, relief:
         material.addInput("displacementshader", "displacementshader").setConnectedNode(moved)
 
 
-def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
-    """The node that reads a map. Hex-tiling supports only color3, so gray maps use its first channel."""
-    if not hex_tiled:
-        node = graph.addNode("image", f"{role}_image", kind)
-    else:
-        node = graph.addNode("hextiledimage", f"{role}_image", "color3")
-        node.setInputValue("scale", 0.0)  # no random scale
-        if role not in COLORS:
-            node.setInputValue("falloffcontrast", 0.0)
+def _texture(graph: Any, role: str, file: str, kind: str, described: Described) -> Any:
+    """The node that reads a map."""
+    node = graph.addNode("image", f"{role}_image", kind)
     source = node.addInput("file", "filename")
     source.setValueString(file)
     if role in COLORS:
         source.setColorSpace(SPACES.get(described.space, described.space))
     else:
         source.setColorSpace("none")
-    if hex_tiled and kind == "float":
-        return node_of(graph, "extract", f"{role}_gray", kind, {"in": node})
     return node
 
 
-def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
-    """The node that reads a normal map; MaterialX uses the OpenGL convention."""
-    if hex_tiled:
-        node = graph.addNode("hextilednormalmap", "normal_image", "vector3")
-        source = node.addInput("file", "filename")
-        node.setInputValue("scale", 0.0)
-        if hand == "directx":
-            node.setInputValue("flip_g", True)
-        source.setValueString(file)
-        source.setColorSpace("none")
+def _of_hexagons(hexagons: Hexagons, graph: Any, role: str, kind: str, described: Described) -> Any:
+    """The node of a map on a plane of hexagons."""
+    file, tile = described.hexes["gloss" if role == "roughness" and role not in described.maps else role]
+    node = hexagons.blended(role, file, tile)
+    if node.getType() == kind:
         return node
+    if kind == "float":
+        node = node_of(graph, "extract", f"{role}_gray", kind, {"in": node})
+        node.setInputValue("index", 0)
+        return node
+    return node_of(graph, "convert", f"{role}_converted", kind, {"in": node})
+
+
+def _normals(graph: Any, file: str, hand: str) -> Any:
+    """The node that reads a normal map; MaterialX uses the OpenGL convention."""
     image = graph.addNode("image", "normal_image", "vector3")
     source = image.addInput("file", "filename")
     source.setValueString(file)
@@ -257,14 +259,6 @@ def opengl_normals(graph: Any, image: Any, hand: str) -> Any:
         image = node_of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
         image.setInputValue("in2", mx.Vector3(0, 1, 0))
     return node_of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
-
-
-def node_of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
-    """A new node with connected inputs."""
-    node = graph.addNode(category, name, kind)
-    for input_name, source in inputs.items():
-        node.addInput(input_name, source.getType()).setConnectedNode(source)
-    return node
 
 
 # --- USD ---

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preview images of a material: flat, repeated, lit on a sphere or a plane, and compared with hex-tiling."""
+"""Preview images of a material: flat, repeated, lit on a sphere or a plane, and compared with a plane of hexagons."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ from ..api.materials import (
     LitMaterial,
     area_means,
     as_vectors,
-    bilinear,
+    blended,
+    gaussianized,
     plane_in_perspective,
     repeated,
     shown_pixels,
@@ -41,7 +42,7 @@ from ..api.materials import (
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews
 _THUMBNAIL, _REPEATED, LIT, _RIVALS = 256, 512, 320, 256  # px
-_ACROSS = 4  # tiles per side in the comparison with hex-tiling
+_ACROSS = 4  # tiles per side in the comparison with a plane of hexagons
 _PLANE = 8  # tiles per side of a picture of Wang tiles
 _PAPER = float(decoded(np.float32(0.93)))  # linear
 _QUALITY = 85  # JPEG quality
@@ -86,7 +87,7 @@ class Looks(LitMaterial):
         return lab_of_linear(self.color.reshape(-1, 3).mean(axis=0))
 
     def pictures(
-        self, shape: str, lattice: bool, photo: np.ndarray, shaded: np.ndarray | None = None
+        self, shape: str, hexes: bool, photo: np.ndarray, shaded: np.ndarray | None = None
     ) -> dict[str, np.ndarray]:
         """All preview images of an asset by file name, sRGB (h, w, 3).
 
@@ -94,8 +95,8 @@ class Looks(LitMaterial):
         ----------
         shape : str
             Shape of the lit preview: 'sphere' or 'plane'.
-        lattice : bool
-            Whether the tile has a lattice; hex-tiling, which would break it, is then omitted.
+        hexes : bool
+            Whether to compare with a plane of hexagons.
         photo : (h, w, 3) float
             The photo, linear, for the card of the report.
         shaded : (h, w, 4) float, optional
@@ -106,7 +107,7 @@ class Looks(LitMaterial):
         lit = self.plane(LIT) if shaded is None else shaded[..., :3] + (1 - shaded[..., 3:]) * _PAPER
         tile = self.color[: self.color.shape[0] // self.side, : self.color.shape[1] // self.side]
         ways = [repeated(tile, _ACROSS, _RIVALS)]
-        if not lattice:
+        if hexes:
             ways.append(hex_tiled(tile, _ACROSS, _RIVALS))
         if self.index is None:
             small, plane, name = self.color, repeated(tile, 2, _REPEATED), "preview_2x2.jpg"
@@ -138,37 +139,10 @@ class Looks(LitMaterial):
 
 
 def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
-    """Hex-tile a texture, as MaterialX's `hextiledimage` does with rotation 1 and scale 0.
-
-    The plane is a triangle grid. Each vertex is the center of a hexagon with the tile in random rotation and offset.
-    A point blends its three hexagons by the seventh powers of its barycentric coordinates (M. S. Mikkelsen, Practical
-    Real-Time Hex-Tiling, JCGT 11(2), 2022).
-
-    `texels` (h, w, c) float; `across`: tiles per side of the image; `side`: size in pixels. Returns (side, side, c)
-    float32.
-    """
+    """A plane of hexagons of a tile: linear, (side, side, 3) float32. `across`: tiles per side of the picture."""
     fine = _fitted(texels, (max(8, side // across),) * 2)
-    at = (np.arange(side, dtype=np.float64) + 0.5) / side * across
-    u, v = np.meshgrid(at, at)
-    scale = 2 * np.sqrt(3)
-    skewed = np.stack([u - v / np.sqrt(3), 2 * v / np.sqrt(3)], axis=-1) * scale
-    corner = np.floor(skewed)
-    x, y = np.moveaxis(skewed - corner, -1, 0)
-    far = x + y > 1  # the upper triangle of a cell
-    ids = np.stack([corner + far[..., None], corner + np.stack([far, ~far], -1), corner + np.stack([~far, far], -1)])
-    weights = np.stack([np.abs(1 - x - y), np.where(far, 1 - y, y), np.where(far, 1 - x, x)]) ** 7
-    weights /= weights.sum(axis=0)
-    shown = np.zeros((side, side, texels.shape[2]))
-    for at_corner, weight in zip(ids, weights, strict=True):
-        first, second = _hashes(at_corner)
-        turn = 2 * np.pi * first
-        center_u = (at_corner[..., 0] + 0.5 * at_corner[..., 1]) / scale
-        center_v = at_corner[..., 1] * np.sqrt(3) / 2 / scale
-        right, down = u - center_u, v - center_v
-        place_u = np.cos(turn) * right + np.sin(turn) * down + center_u + first
-        place_v = -np.sin(turn) * right + np.cos(turn) * down + center_v + second
-        shown += weight[..., None] * bilinear(fine, place_u, place_v)
-    return shown.astype(np.float32)
+    u, v = np.meshgrid(*[(np.arange(side, dtype=np.float64) + 0.5) / side * across] * 2)
+    return blended(gaussianized(fine), u, v).astype(np.float32)
 
 
 def values(image: Image) -> np.ndarray:
@@ -214,16 +188,6 @@ def save(picture: np.ndarray, path: Path) -> None:
     pixels = np.ascontiguousarray(np.clip(picture * 255 + 0.5, 0, 255).astype(np.uint8))
     if out is None or not out.open(str(path), spec) or not out.write_image(pixels) or not out.close():
         raise Error(f"{path}: {out.geterror() if out else oiio.geterror()}")
-
-
-def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two hashes in 0..1 for every pair of integers."""
-    a, b = ids[..., 0].astype(np.int64).astype(np.uint32), ids[..., 1].astype(np.int64).astype(np.uint32)
-    mixed = a * np.uint32(0x9E3779B1) ^ b * np.uint32(0x85EBCA77)
-    for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
-        mixed = (mixed ^ mixed >> np.uint32(shift)) * np.uint32(factor)
-    mixed ^= mixed >> np.uint32(15)
-    return (mixed & np.uint32(0xFFFF)) / 65536, (mixed >> np.uint32(16)) / 65536
 
 
 def reduced(texels: np.ndarray, most: int, side: int = 1) -> np.ndarray:

@@ -23,10 +23,10 @@ from .documents import (
     connect_heights,
     loaded_libraries,
     materialx,
-    node_of,
     opengl_normals,
     write_valid,
 )
+from .nodes import node_of
 
 IMAGE = "oiiotex_image"  # the node
 _SWIZZLES = {"float": ("float", "r"), "color3": ("vec3", "rgb"), "vector3": ("vec3", "rgb")}

@@ -78,7 +78,7 @@ class Product:
     line: str
 
     def __post_init__(self) -> None:
-        taken = ("source", "tx", *ROLES)
+        taken = ("source", "tx", "hex", *ROLES)
         if not _NAME.fullmatch(self.name) or self.name in taken:
             raise ParameterError(f"name '{self.name}': expected a-z, 0-9 and _, but not {', '.join(taken)}")
 
@@ -95,6 +95,7 @@ class Deliver:
     materialx: bool = True
     usd: bool = False
     wang: bool = False
+    hex: bool = False
     shader: bool = False
 
     def __post_init__(self) -> None:
@@ -102,6 +103,8 @@ class Deliver:
             raise ParameterError(
                 'shader = true renders the MaterialX document: requires materialx = true, shape = "sphere"'
             )
+        if self.hex and (self.wang or not self.materialx):
+            raise ParameterError("hex = true requires materialx = true, wang = false")
         if self.wang and self.format != "exr":
             raise ParameterError('wang = true requires format = "exr": TIFF files lose the number of tiles')
 

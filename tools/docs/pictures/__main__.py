@@ -8,7 +8,7 @@ import sys
 
 ALL = (
     "gallery", "photos", "decompose", "stationarize", "comparison", "dominant", "atlas", "capture", "structure",
-    "measures", "motion", "multiscale", "synth", "library", "live", "hosts",
+    "measures", "hexagons", "motion", "multiscale", "synth", "library", "live", "hosts",
 )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ def zooms() -> None:
     session = Session(autocc=True)
     moss = oiio.ImageBufAlgo.cut(opened("photos/moss_grass_stones_ground.jpg"), oiio.ROI(300, 556, 300, 556))
     rows = []
-    for images, values in (((), {"graph": MAP, "at": (120, 100)}), ((moss,), {"at": (150, 140)})):
+    for images, values in (((), {"graph": MAP, "center": (120, 100)}), ((moss,), {"center": (150, 140)})):
         shown = [filters.zoom(*images, frame=n, speed=0.05, size=(176, 176), session=session, **values) for n in FRAMES]
         rows.append(beside(*map(pixels, shown), gap=4))
     write_jpeg(stacked(rows), "zoom.jpg")
