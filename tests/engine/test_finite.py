@@ -78,7 +78,7 @@ def odd_images() -> dict[str, np.ndarray]:
         "near black": random * 1e-4,
         "denormal": random * 1e-40,
         "float limit": random * 3.4e38,
-        "negative float limit": (random - np.float32(0.5)) * np.float32(6.8e38),
+        "negative float limit": (2 * random - 1) * np.float32(3.4e38),
         "half limit": 65504 * (random > 0.5),
         "beyond half": 65504 + 1e5 * random,
         "white": np.ones((64, 72, 3)),
