@@ -40,7 +40,7 @@ def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
 
 @pytest.mark.parametrize("names", [("brick", "Brick"), ("caf\u00e9", "cafe\u0301")])
 def test_names_that_are_one_on_some_disks_are_not_exported_together(names):
-    with pytest.raises(errors.ParameterError, match="have one name on many disks.*--name"):
+    with pytest.raises(errors.ParameterError, match=r"have one name on many disks.*--name"):
         _require_distinct(["moss", *names])
     _require_distinct(["moss", "moss_2", names[0]])
 
