@@ -125,8 +125,9 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
     part = image.first
     width, height = _scaled_size(image, factor)
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
-    broken = sum(own.broken(part.read(band)) for band in bands(part))  # also outside the square
-    if np.any(broken):
+    found = (own.broken(part.read(band)) for band in bands(part))  # also outside the square
+    broken = sum(found, np.zeros(2, np.int64))
+    if broken.any():
         raise BrokenValues(own.name, broken)
     if (width, height) == part.window.size:
         pixels = part.read(place.shifted(part.window.left, part.window.top))
