@@ -17,6 +17,7 @@ from ..engine.core.parameters import image
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError
+from ..engine.io.formats import tile_of
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 
@@ -145,7 +146,7 @@ class _Joined:
             return out
 
         spec = whole.apply_to(derived_spec(first.spec))
-        spec.tile_width, spec.tile_height = first.spec.tile_width, first.spec.tile_height
+        spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(first.spec)
         spec.erase_attribute("oiiotex:window")
         ready = all(part.ready for part in self._parts)
         return replace(first, spec=spec, fetch=fetch, ready=ready, levels=())

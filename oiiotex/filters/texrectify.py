@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from ..engine.color.config import as_float
 from ..engine.color.lab import color_to_convert, working_values
-from ..engine.color.lens import in_type
+from ..engine.color.lens import in_type, resampled
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside
@@ -215,11 +215,12 @@ class Rectify(Gather):
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
             facts.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
             source = oiio.ImageBuf(_floats(wanted, part.spec))
-            source.set_pixels(source.roi, np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y)))))
+            pixels = np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y))))
+            source.set_pixels(source.roi, pixels)
             target = oiio.ImageBuf(_floats(window, spec))
             roi = window.roi(spec.nchannels)
             oiio.ImageBufAlgo.warp(target, source, values, self.filter, 0.0, False, "black", roi)
-            return in_type(pixels_of(target, oiio.FLOAT, roi), dtype)
+            return in_type(resampled(pixels_of(target, oiio.FLOAT, roi), pixels, self.source.source), dtype)
 
         def fetch(window: Window) -> np.ndarray:
             out = np.empty((window.height, window.width, spec.nchannels), dtype)

@@ -210,6 +210,52 @@ def test_cicp_without_a_space_is_refused(tmp_path):
     assert of_cicp((9, 1)) is not None
 
 
+UNTAGGED = {"exr": "no color space tag", "tif": "no color space tag", "jpg": "uncalibrated", "png": "uncalibrated"}
+
+
+@pytest.mark.parametrize(("suffix", "said"), UNTAGGED.items())
+def test_a_copy_does_not_say_that_gamma_encoded_primaries_are_linear_or_srgb(tmp_path, suffix, said):
+    png(tmp_path / "a.png", **CHUNKS["primaries"][0])
+    assert run(["a.png", "-o", f"o.{suffix}"], tmp_path) == 0
+    with pytest.raises(ColorError, match=said):
+        space_of(read(tmp_path / f"o.{suffix}"), CONFIG)
+
+
+@pytest.mark.parametrize("suffix", ["webp", "tga"])
+def test_a_format_that_is_read_as_another_space_is_warned_about(tmp_path, caplog, suffix):
+    png(tmp_path / "a.png", **CHUNKS["primaries"][0])
+    assert run(["a.png", "-o", f"o.{suffix}"], tmp_path) == 0
+    assert "cannot store chromaticities 0.64, 0.33, 0.21, 0.71" in caplog.text
+
+
+def dcf(path: Path, order: str, index: bytes) -> Path:
+    """A camera's JPEG without a profile: uncalibrated, with an index of interoperability."""
+
+    def directory(tag: int, kind: int, count: int, value: bytes) -> bytes:
+        return struct.pack(f"{order}HHHI", 1, tag, kind, count) + value + bytes(4)
+
+    def at(place: int) -> bytes:
+        return struct.pack(f"{order}I", place)
+
+    exif = struct.pack(f"{order}2sHI", b"II" if order == "<" else b"MM", 42, 8) + directory(0x8769, 4, 1, at(26))
+    entries = (0xA001, 3, 1, struct.pack(f"{order}HH", 65535, 0)), (0xA005, 4, 1, at(56))
+    exif += struct.pack(f"{order}H", 2) + b"".join(directory(*entry)[2:-4] for entry in entries) + bytes(4)
+    exif += directory(1, 2, 4, index)
+    saved(path, None, exif=b"Exif\0\0" + exif)
+    return path
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_the_optional_color_space_of_cameras_is_adobe_rgb(tmp_path, order):
+    path = dcf(tmp_path / "_DSC0001.jpg", order, b"R03\0")
+    assert CONFIG.same(space_of(read(path), CONFIG), "g22_adobergb_scene")
+    content = path.read_bytes()
+    for damaged in (content.replace(b"R03\0", b"R98\0"), content.replace(struct.pack(f"{order}I", 56), b"\xff" * 4)):
+        path.write_bytes(damaged)
+        with pytest.raises(ColorError, match="uncalibrated"):
+            space_of(read(path), CONFIG)
+
+
 @pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
 @pytest.mark.parametrize("code", [2, 65535])
 def test_uncalibrated_colors_are_refused(tmp_path, suffix, code):

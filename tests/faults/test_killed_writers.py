@@ -39,7 +39,7 @@ pytestmark = [
 KILLS = int(os.environ.get("OIIOTEX_KILLS", "20"))
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
 LIBRARY = [sys.executable, "-m", "oiiotex_studio.library.main"]
-_PROGRESS = re.compile(r"^ingest: \d+ s, .*\n", re.MULTILINE)  # of a run of more than ten seconds
+_PROGRESS = re.compile(r"^ingest\b.*: \d+ s\b.*\n", re.MULTILINE)  # of a run of more than ten seconds
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n[deliver]\ntx = false\n'
 
 

@@ -278,6 +278,8 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png --subimage 3", "has no part '3': expected one of 0"),
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
         ("a.png -o:all=0 100%.png", "expected a single %d"),
+        ("a.png -o:all=0 %999999999d.png", "expected a single %d"),
+        ("a.png -o:all=0 %0.999999999d.png", "expected a single %d"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),
     ],

@@ -150,13 +150,32 @@ def test_mattes_unfold_to_files(tmp_path):
     assert table.spec().nchannels == 1 and table.getpixel(0, 5)[0] == 0.5 and table.getpixel(0, 0)[0] == 0
 
 
+def renamed(folder: Path, *names: str) -> None:
+    """The Cryptomatte with other names in its manifest."""
+    buffer = oiio.ImageBuf(str(rendered(folder)))
+    table = {name: f"{bits:08x}" for name, bits in zip(names, BITS, strict=False)}
+    buffer.specmod().attribute("cryptomatte/7d3a21f/manifest", json.dumps(table))
+    buffer.write(str(folder / "renamed.exr"))
+
+
+def test_names_of_a_hierarchy_are_joined_in_files(tmp_path):
+    (tmp_path / "out").mkdir()
+    renamed(tmp_path, "/obj/chair", "label.1/1")
+    line = ["renamed.exr", "--cryptomatte-unfold:folder=out", "/obj/*,label*", "-o", "all.exr"]
+    run(line, tmp_path)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["label.1_1.exr", "obj_chair.exr"]
+    renamed(tmp_path, "obj/chair", "obj_chair")
+    with pytest.raises(Error, match="obj/chair and obj_chair would be the same file"):
+        run(["renamed.exr", "--cryptomatte-unfold:folder=out", "obj*", "-o", "all.exr"], tmp_path)
+
+
 def test_a_name_or_a_manifest_that_is_a_path_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
     path = rendered(tmp_path)
     buffer = oiio.ImageBuf(str(path))
     buffer.specmod().attribute("cryptomatte/7d3a21f/manifest", json.dumps({"../evil": f"{BITS[0]:08x}"}))
     buffer.write(str(tmp_path / "evil.exr"))
-    with pytest.raises(Error, match=r"matte '\.\./evil': expected a printable name"):
+    with pytest.raises(Error, match=r"matte '\.\.': expected a printable name"):
         run(["evil.exr", "--cryptomatte-unfold:folder=out", "*", "-o", "no.exr"], tmp_path)
     rendered(tmp_path, "side.exr", manifest="../names.json")
     with pytest.raises(Error, match=r"manifest file '\.\./names\.json'"):

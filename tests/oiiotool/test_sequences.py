@@ -342,6 +342,25 @@ def test_a_missing_frame_has_the_size_channels_and_type_of_its_sequence(tmp_path
     assert (spec.width, spec.height, spec.nchannels, str(spec.format)) == (32, 24, 3, "half")
 
 
+@pytest.mark.parametrize("words", ["--frames 1-4", "--frames 1-1", "--frames 3-3", "--farm dask=local:2 --frames 1-4"])
+def test_a_missing_or_damaged_frame_has_the_parts_tags_and_channels_of_a_readable_one(tmp_path, words):
+    tags = "--iscolorspace ACEScg --attrib PixelAspectRatio 2.0"
+    line = f"--create 32x24 3 {tags} --create 32x24 1 --chnames R --siappend -d half -o f.0002.exr"
+    assert oiiotex(*line.split(), "-o", "f.0004.exr", cwd=tmp_path).returncode == 0
+    (tmp_path / "f.0001.exr").write_bytes((tmp_path / "f.0002.exr").read_bytes()[:99])  # and 3 is missing
+    given = ["--missingfile", "black", "-a", *words.split(), "-i:ch=R", "f.#.exr", "--addc", "1", "-o", "o.#.exr"]
+    done = oiiotex("--noprogress", *given, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for made in tmp_path.glob("o.*.exr"):
+        parts = [oiio.ImageBuf(str(made), part, 0) for part in (0, 1)]
+        specs = [part.nativespec() for part in parts]
+        assert [spec.channelnames for spec in specs] == [("R",)] * 2
+        assert {str(spec.channelformat(0)) for spec in specs} == {"half"}
+        assert specs[0].get_string_attribute("oiio:ColorSpace") == "lin_ap1_scene"
+        assert specs[0].get_float_attribute("PixelAspectRatio") == 2
+        assert {part.getpixel(0, 0)[0] for part in parts} == {1}
+
+
 def test_a_missing_partner_of_each_file_is_like_the_others(tmp_path):
     for name in ("a", "b"):
         save(np.full((24, 32, 3), 0.25, np.float32), tmp_path / f"{name}.exr", "half")

@@ -14,7 +14,7 @@ import pytest
 from oiiotex_studio.library import catalog as catalogs
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.commands import run
-from oiiotex_studio.library.export import _blender_text
+from oiiotex_studio.library.export import _blender_text, _require_distinct
 from oiiotex_studio.library.report import write_report
 from oiiotex_studio.library.search import AssetSearch
 from oiiotex_studio.library.upkeep import check, orphans
@@ -36,6 +36,13 @@ def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
             run(["export", str(library), str(target)])
     with Catalog(library) as catalog:
         assert list(check(catalog)) == [] and orphans(catalog) == []
+
+
+@pytest.mark.parametrize("names", [("brick", "Brick"), ("caf\u00e9", "cafe\u0301")])
+def test_names_that_are_one_on_some_disks_are_not_exported_together(names):
+    with pytest.raises(errors.ParameterError, match=r"have one name on many disks.*--name"):
+        _require_distinct(["moss", *names])
+    _require_distinct(["moss", "moss_2", names[0]])
 
 
 def test_an_export_replaces_assets_alone(photos, tmp_path, here):

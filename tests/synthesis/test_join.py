@@ -44,6 +44,16 @@ def test_shares_are_the_whole_in_any_order():
     np.testing.assert_array_equal(joined(share(0, 0, 70, 30), share(0, 20, 70, 50), share(0, 20, 70, 50)), WHOLE)
 
 
+@pytest.mark.parametrize("suffix", ["tif", "exr"])
+def test_tiled_shares_are_a_tiled_file(tmp_path, suffix):
+    for name, cut in (("a", "70x20+0+0"), ("b", "70x30+0+20")):
+        line = f"--create 70x50 3 --crop {cut} -d {'half' if suffix == 'exr' else 'uint8'} --tile 16 16"
+        run_in(tmp_path, *line.split(), "-o", f"{name}.{suffix}")
+    run_in(tmp_path, f"a.{suffix}", f"b.{suffix}", "--texjoin", "-o", f"whole.{suffix}")
+    spec = oiio.ImageBuf(str(tmp_path / f"whole.{suffix}")).nativespec()
+    assert (spec.tile_width, spec.tile_height, spec.height) == (16, 16, 50)
+
+
 def test_overscan_and_parts_come_along():
     wide = np.random.default_rng(1).random((50, 70, 3)).astype(np.float32)
     spec = share(0, 0, 70, 50).spec()

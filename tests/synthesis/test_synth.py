@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -14,9 +15,16 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine import errors
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core import demand
+from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
 from oiiotex.engine.session import Session
 from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.synthesis.multiscale import stacks
 from tests import pictures
+from tests.any_filter import buffer
 from tests.conftest import data_folder, load, run_in, save
 from tests.engine.test_sizes import peak_of
 from tests.refusals import refused
@@ -267,3 +275,19 @@ def test_paper_is_hrrg08_by_the_letter(folder):
         assert np.array_equal(six, other) == is_the_same
     with refused(errors.ParameterError, parameter="matchcolor", value=False, problem="conflicts with paper=True"):
         filters.synth(photo, matchcolor=False, paper=True)
+
+
+def test_a_large_photo_is_read_in_bands_and_only_its_square_is_held(monkeypatch):
+    monkeypatch.setattr(demand, "BAND_BYTES", 32 << 10)
+    pixels, asked = np.random.default_rng(0).random((900, 100, 3), np.float32), []
+    part = from_buffer(buffer(pixels)).first
+
+    def fetch(window: Window) -> np.ndarray:
+        asked.append(window.height)
+        return pixels[window.inside(part.window)]
+
+    image = Image((dataclasses.replace(part, fetch=fetch, ready=False),), "photo")
+    lens = lens_of(image, Session().resources, Space.LAB)
+    exemplar = stacks._cut(image, 1.0, 64, None, lens, lens, np.dtype(np.float32))
+    np.testing.assert_array_equal(exemplar.pixels, pixels[418:482, 18:82])
+    assert max(asked) <= 64 and sum(asked) == 900 + 64

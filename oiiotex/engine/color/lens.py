@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 from ..core.image import Channels
 from ..deferred import np
-from ..errors import BrokenValues
+from ..errors import BrokenValues, ImageError
 from .config import as_float
 
 _SMALL = ("uint8", "uint16", "float16", "float32")  # types that survive a round trip through float
 _MOST_LAB = 1e6
+_MOST = 1e36  # largest value of color: products with a few of a matrix's elements must not overflow
 _TINY = 2.0**-126  # the smallest normal 32-bit float
 
 
@@ -76,7 +77,7 @@ class Lens:
         values, alpha = self._unpremultiplied(rows)
         if self.to_lab is not None:
             self.to_lab(values)
-            if not _all_finite(values):  # color divided by a tiny alpha overflows in spaces with a power curve
+            if not _moderate(values):  # color divided by a tiny alpha overflows in spaces with a power curve
                 np.nan_to_num(values, copy=False, nan=0.0, posinf=_MOST_LAB, neginf=-_MOST_LAB)
         else:
             color = values[..., : 3 if len(self.channels.color) == 1 else len(self.channels.color)]
@@ -144,17 +145,27 @@ class Lens:
 
     def _check(self, *seen: np.ndarray | None) -> None:
         given = [s for s in seen if s is not None]
-        if all(map(_all_finite, given)):
+        if all(map(_moderate, given)):
             return
         counts = count_broken(*given)
-        if counts.any():
-            raise BrokenValues(self.name, counts)
+        raise BrokenValues(self.name, counts) if counts.any() else too_large(self.name)
 
 
-def _all_finite(values: np.ndarray) -> bool:
-    """Whether there is neither NaN nor Inf; a quick check that may be false if the sum overflows."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(values.sum()))
+def _moderate(values: np.ndarray) -> bool:
+    """Whether there is neither NaN nor Inf, nor a value whose color would overflow."""
+    return not values.size or bool(values.max() <= _MOST and values.min() >= -_MOST)
+
+
+def too_large(name: str) -> ImageError:
+    """The error for finite values with which arithmetic overflows."""
+    return ImageError(f"has values beyond {_MOST:g}: scale them first, such as with --mulc 1e-9", subject=name)
+
+
+def resampled(values: np.ndarray, source: np.ndarray, name: str) -> np.ndarray:
+    """Sums of pixels, as they are; raises ImageError if they overflow though the pixels are finite."""
+    if not np.isfinite(values).all() and np.isfinite(source).all():
+        raise too_large(name)
+    return values
 
 
 def divisor(alpha: np.ndarray) -> np.ndarray:

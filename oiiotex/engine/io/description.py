@@ -18,8 +18,9 @@ from typing import Any
 
 from ..core.attributes import OURS, TAG, UNKNOWN, as_utf8
 from ..deferred import oiio
-from .evidence import contradicted
-from .icc import REC709
+from ..errors import present
+from .evidence import UNCALIBRATED, contradicted, evidence_in
+from .icc import ADOBE, REC709
 
 log = logging.getLogger("oiiotex")
 
@@ -36,6 +37,8 @@ _SPACES = {  # that a format can tag itself
 }
 _ROUNDING = 0.002  # largest difference of chromaticities that are the same
 _SURROGATE = re.compile("[\ud800-\udfff]")
+_SEGMENT = 1 << 16  # largest segment of a JPEG file
+_INTEROPERABILITY = (0x8769, 0xA005)  # Exif's pointers to the directory with the index
 _TAGGING = (b"sRGB", b"gAMA", b"iCCP", b"cICP", b"cHRM")  # chunks of PNG
 
 
@@ -63,6 +66,16 @@ def describe(spec: oiio.ImageSpec, format_name: str) -> None:
             text = as_utf8(spec.get_string_attribute(_DESCRIPTION))
             line = f"oiiotex: {json.dumps(carried)}"
             spec.attribute(_DESCRIPTION, f"{text}\n{line}" if text else line)
+
+
+def keep_true(spec: oiio.ImageSpec, format_name: str) -> None:
+    """Keep untagged values from being read as others: EXR's chromaticities are of linear ones, JPEG is sRGB."""
+    if spec.get_string_attribute(TAG) or spec.getattribute("chromaticities") is None:
+        return
+    if format_name == "openexr" and spec.get_float_attribute("oiio:Gamma", 1.0) != 1:
+        spec.erase_attribute("chromaticities")
+    elif format_name in ("jpeg", "png") and contradicted(spec):
+        spec.attribute("Exif:ColorSpace", UNCALIBRATED)
 
 
 def _own(spec: oiio.ImageSpec) -> Iterator[tuple[str, Any]]:
@@ -110,6 +123,8 @@ def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
     """
     if format_name == "png":
         _read_chromaticities(spec, path)
+    elif spec.get_int_attribute("Exif:ColorSpace") == UNCALIBRATED and _is_optional_of_dcf(path):
+        _set_chromaticities(spec, ADOBE, 2.2)
     if _same(spec.get_string_attribute(TAG), _SRGB) and contradicted(spec):
         spec.erase_attribute(TAG)
     carried: dict[str, Any] = {}
@@ -195,8 +210,34 @@ def _read_chromaticities(spec: oiio.ImageSpec, path: str) -> None:
     white_x, white_y, *primaries = (n / 100000 for n in struct.unpack(">8I", chunks[b"cHRM"]))
     values = (*primaries, white_x, white_y)
     if max(abs(value - own) for value, own in zip(values, REC709, strict=True)) > _ROUNDING:
-        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), values)
-        spec.erase_attribute(TAG)
+        _set_chromaticities(spec, values, spec.get_float_attribute("oiio:Gamma", 1.0))
+
+
+def _set_chromaticities(spec: oiio.ImageSpec, values: Sequence[float], gamma: float) -> None:
+    spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), tuple(values))
+    spec.attribute("oiio:Gamma", gamma)
+    spec.erase_attribute(TAG)
+
+
+def _is_optional_of_dcf(path: str) -> bool:
+    """Whether a camera's JPEG has the optional space of DCF 2.0 (Adobe RGB): Exif's interoperability index R03."""
+    try:
+        with open(path, "rb") as file:
+            exif = file.read(2 * _SEGMENT).partition(b"Exif\0\0")[2]
+        order = {b"II": "<", b"MM": ">"}[exif[:2]]
+        (place,) = struct.unpack_from(f"{order}I", exif, 4)
+        for pointer in _INTEROPERABILITY:
+            (place,) = struct.unpack(f"{order}I", _tiff_entries(exif, order, place)[pointer])
+        return _tiff_entries(exif, order, place)[1] == b"R03\0"
+    except (OSError, KeyError, struct.error):
+        return False
+
+
+def _tiff_entries(data: bytes, order: str, place: int) -> dict[int, bytes]:
+    """The values of a directory of TIFF, by their tags; of long ones their offsets."""
+    (count,) = struct.unpack_from(f"{order}H", data, place)
+    entries = (struct.unpack_from(f"{order}HHI4s", data, place + 2 + 12 * n) for n in range(count))
+    return {tag: value for tag, _, _, value in entries}
 
 
 # --- lost metadata ---
@@ -220,6 +261,8 @@ def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     described = not read and arrived.getattribute("ICCProfile") is not None
     if space == UNKNOWN or described:
         space = ""
+    if read and not space and contradicted(wanted):
+        yield f"{present(evidence_in(wanted)).text} (it is read as {read})"
     if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _encoded_alike(space, read)):
         yield f"the color space {space}" + (f" (it is read as {read})" if read else "")
     # EXR has no empty strings

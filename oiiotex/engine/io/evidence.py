@@ -19,7 +19,8 @@ from .icc import D50, D65, Encoding, adapted, lab_of_xyz, of_cicp, of_primaries,
 
 _ALIKE = 0.5  # largest difference in Lab of two descriptions of the same space: rounding of their numbers
 _SRGB = (1, 13)  # CICP
-_NOT_SRGB = (2, 65535)  # Exif:ColorSpace: Adobe RGB by convention, uncalibrated
+UNCALIBRATED = 65535  # Exif:ColorSpace
+_NOT_SRGB = (2, UNCALIBRATED)  # 2: Adobe RGB by convention
 
 
 @dataclass(frozen=True)

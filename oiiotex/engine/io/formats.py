@@ -16,7 +16,7 @@ from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError
 from .cryptomatte import matte_channels
-from .description import describe, is_ours
+from .description import describe, is_ours, keep_true
 
 log = logging.getLogger("oiiotex")
 
@@ -181,6 +181,7 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
                     spec.erase_attribute(name)
                 else:
                     spec.attribute(name, value)
+            keep_true(spec, out.format_name())
             if ours:
                 describe(spec, out.format_name())
             levels.append(spec)

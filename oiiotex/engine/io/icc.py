@@ -17,6 +17,7 @@ Curve = Callable[["np.ndarray"], "np.ndarray"]
 D50 = (0.9642, 1.0, 0.8249)  # white of an ICC profile's connection space
 D65 = (0.95047, 1.0, 1.08883)
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of red, green, blue and white
+ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 _PRIMARIES = {  # by the code of H.273, table 2
     1: REC709,
     9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),

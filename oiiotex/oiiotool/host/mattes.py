@@ -109,11 +109,16 @@ class CryptomatteUnfold(Hosted, Pointwise):
         return Path(self.folder) if self.folder and output.asked_by else not output.asked_by
 
     def files(self) -> dict[str, Path]:
-        """A file for each matte; a name that could be a path is refused."""
+        """A file for each matte; names of a hierarchy are joined, and others that could be a path are refused."""
         if not self.folder:
             return {}
-        names = enumerate(self.mattes(), 1)
-        return {f"matte.{n}": Path(self.folder, f"{checked_name(name, 'matte')}.exr") for n, name in names}
+        files: dict[str, str] = {}
+        for name in self.mattes():
+            file = "_".join(checked_name(each, "matte") for each in name.strip("/").split("/"))
+            other = files.setdefault(file, name)
+            if other != name:
+                raise ParameterError(f"{other} and {name} would be the same file", hint="unfold one at a time")
+        return {f"matte.{n}": Path(self.folder, f"{file}.exr") for n, file in enumerate(files, 1)}
 
     def plan(self, facts: Facts) -> Plan:
         """All mattes as channels, and each as a part."""

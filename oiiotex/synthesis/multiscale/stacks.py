@@ -17,13 +17,13 @@ from ...engine.color.config import as_float
 from ...engine.color.lab import lens_of
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lens import Lens, in_type
-from ...engine.core.demand import resized
+from ...engine.core.demand import bands, resized
 from ...engine.core.image import Image, dtype_of
 from ...engine.core.op import Space
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from ...engine.errors import ImageError
+from ...engine.errors import BrokenValues, ImageError
 from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from ..quality.seam_measures import seam_ratio, wrap_percentile
@@ -125,14 +125,16 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
     part = image.first
     width, height = _scaled_size(image, factor)
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
-    inside = place.inside(Window(0, 0, width, height))
-    whole = part.pixels()
-    values, opaque = own.values(whole)  # of the whole image: NaN or Inf outside the square are errors as well
-    if (width, height) == (part.spec.width, part.spec.height):
-        pixels, values, opaque = whole[inside], values[inside], None if opaque is None else opaque[inside]
+    found = (own.broken(part.read(band)) for band in bands(part))  # also outside the square
+    broken = sum(found, np.zeros(2, np.int64))
+    if broken.any():
+        raise BrokenValues(own.name, broken)
+    if (width, height) == part.window.size:
+        pixels = part.read(place.shifted(part.window.left, part.window.top))
     else:
-        pixels = in_type(resized(as_float(whole), width, height)[inside], np.dtype(dtype_of(part.spec)))
-        values, opaque = own.values(pixels)
+        inside = place.inside(Window(0, 0, width, height))
+        pixels = in_type(resized(as_float(part.pixels()), width, height)[inside], np.dtype(dtype_of(part.spec)))
+    values, opaque = own.values(pixels)
     if opaque is not None and opaque.all():
         opaque = None
     if opaque is not None and not opaque.any():

@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ...engine.color.config import as_float
-from ...engine.color.lens import in_type
+from ...engine.color.lens import in_type, resampled
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.session.resources import Resources
@@ -149,7 +149,9 @@ class Zoomed:
         for layer, rows, columns in self._taps(window):
             pixels = self._plane.pixels(layer.states.read(layer.source(rows, columns)))
             dtype = pixels.dtype
-            seen = filtered(as_float(pixels), rows, columns) * np.float32(layer.view.share)
+            whole = as_float(pixels)
+            with np.errstate(over="ignore", invalid="ignore"):
+                seen = resampled(filtered(whole, rows, columns), whole, "the photo") * np.float32(layer.view.share)
             mixed = seen if mixed is None else mixed + seen
         assert mixed is not None
         return np.ascontiguousarray(in_type(mixed, dtype))

@@ -31,6 +31,7 @@ COUNTED_ROWS = 64  # rows of an exemplar in pieces, per histogram step
 BAND_BYTES = 160 << 20  # maximum size of a band: larger ones are not faster
 CELLS_SHARE = 1 / 4  # share of the budget for the cells of local histograms
 ROWS_SHARE = 1 / 3  # share of the rest for a band
+OUT_OF_CORE_SHARE = 5 / 8  # of the budget, for a plan in bands: the rest is decoded pieces, libraries and temporaries
 _FIELD_BYTES = 12  # per target pixel on the host: two fields, and the resulting places
 _TEMPORARIES = 64 << 20  # bytes, maximum, of temporaries by bands on the host
 _PIXEL_TEMPORARIES = 128  # per pixel
@@ -112,12 +113,14 @@ def plan_memory(
         require_room(device, whole, budget, "", on_host + _FIELD_BYTES * pixels)
         return MemoryPlan(whole, on_host + _FIELD_BYTES * pixels, 0)
 
+    beside = budget - int(OUT_OF_CORE_SHARE * budget)
+
     def room_beside(on_host: int) -> int:
-        return device.memory_budget(budget) - device.taken - (0 if device.own_memory else on_host)
+        return device.memory_budget(budget) - device.taken - (0 if device.own_memory else on_host + beside)
 
     def banded(on_host: int, rows: int | None, exemplar_rows: int | None = None) -> MemoryPlan:
         layout = needed(rows, cells, exemplar_rows)
-        left = max(0, budget - on_host - (0 if device.own_memory else sum(layout.values())))
+        left = max(0, budget - beside - on_host - (0 if device.own_memory else sum(layout.values())))
         return MemoryPlan(layout, on_host + left, left, exemplar_rows is None)
 
     def rows_in(room: float, *exemplar_rows: int) -> int:

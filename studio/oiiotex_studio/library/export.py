@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -27,6 +28,7 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
     count, index = 0, []
     if target.resolve().is_relative_to(catalog.library.resolve()):
         raise ParameterError(f"{target} is inside the library: expected a folder outside of it")
+    _require_distinct([asset.name for asset in chosen])
     for asset in chosen:
         _require_replaceable(owned(target / asset.name, target))
     if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
@@ -83,6 +85,17 @@ def _blender_text(catalog: Catalog, folder: Path) -> str:
 def _write(path: Path, text: str) -> None:
     with temporary_beside(path) as temporary:
         temporary.write_text(text)
+
+
+def _require_distinct(names: Sequence[str]) -> None:
+    """Refuse names that are one on disks that ignore case or the form of accents: an asset would replace another."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(unicodedata.normalize("NFC", name).casefold(), name)
+        if other != name:
+            raise ParameterError(
+                f"{other} and {name} have one name on many disks", hint="export each to its own folder (--name)"
+            )
 
 
 def _require_replaceable(folder: Path) -> None:

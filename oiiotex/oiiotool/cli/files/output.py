@@ -34,6 +34,8 @@ from ..stack.output_settings import pixel_type
 
 log = logging.getLogger("oiiotex")
 
+_MANY_DIGITS = r"%[^%A-Za-z]*\d{4}"  # a number of more digits than names of files have
+
 
 @dataclass(frozen=True)
 class WriteModifiers:
@@ -86,6 +88,8 @@ def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
 def _numbered(path: str, number: int) -> str:
     """The name with its %d, if any, replaced by the number."""
     try:
+        if re.search(_MANY_DIGITS, path):
+            raise ValueError
         return path % number if "%" in path else path
     except (TypeError, ValueError):
         raise ParameterError(f"'{path}': expected a single %d, for the image number") from None

@@ -8,9 +8,9 @@ import functools
 import logging
 from dataclasses import dataclass
 
-from ....engine.core.attributes import set_attribute
+from ....engine.core.attributes import TAG, set_attribute
 from ....engine.core.demand import materialized
-from ....engine.core.image import Image, Part, from_buffer, pixels_of, type_named
+from ....engine.core.image import Image, Part, in_memory, pixels_of, type_named
 from ....engine.core.parameters import param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
@@ -24,6 +24,7 @@ from ..stack.output_settings import state
 log = logging.getLogger("oiiotex")
 
 
+_OF_SEQUENCES = (TAG, "Orientation", "PixelAspectRatio", "oiio:subimagename")  # metadata that all frames share
 _PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # for each image as it is read
 
 
@@ -64,7 +65,7 @@ def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
     try:
         image = _opened(chain, path, given)
     except ImageError as error:
-        image = _substitute(chain, path, error)
+        image = _substitute(chain, path, given, error)
     chain.push(image)
     _prepare(chain, path, given)
 
@@ -83,11 +84,7 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         from ..printing.texts import print_input
 
         print_input(chain, image, given.info, given.infoformat)
-    if given.ch is not None:
-        image = _of_channels(chain, image, given.ch)
-    chain.first.learn(image)
-    if given.type is not None:
-        image = _retyped(image, type_named(given.type))
+    image = _as_asked(chain, image, given)
     if given.now:
         size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
         chain.session.resources.require(size, "now=1", "read it piece by piece, without now=1")
@@ -95,6 +92,14 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         parts = (part if part.spec.deep else materialized(part, 4 * size + 4) for part in image.parts)
         image = Image(tuple(parts), image.source)
     return image
+
+
+def _as_asked(chain: Chain, image: Image, given: ReadModifiers) -> Image:
+    """The image as if its file had the channels and the type of -i."""
+    if given.ch is not None:
+        image = _of_channels(chain, image, given.ch)
+    chain.first.learn(image)
+    return image if given.type is None else _retyped(image, type_named(given.type))
 
 
 def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
@@ -133,30 +138,35 @@ def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
     return Image(tuple(map(retyped, image.parts)), image.source)
 
 
-def _substitute(chain: Chain, path: str, error: ImageError) -> Image:
+def _substitute(chain: Chain, path: str, given: ReadModifiers, error: ImageError) -> Image:
     """The image that --missingfile substitutes for a file that cannot be read."""
     policy = chain.settings.get("--missingfile", "error")
     if policy == "error":
         raise error
     log.warning("%s; using %s instead", error, policy)
-    spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
-    shared = dict(chain.frame.likes).get(path) if chain.frame else None
-    if shared is not None:
-        image = chain.opened(shared)
-        chain.first.learn(image)
-    like = image.first.spec if shared is not None else chain.first.spec
+    like = dict(chain.frame.likes).get(path) if chain.frame else None
     if like is not None:
-        spec.copy_dimensions(like)
-        spec.channelnames = like.channelnames
-        spec.alpha_channel, spec.z_channel = like.alpha_channel, like.z_channel
-        spec.set_format(oiio.FLOAT)
-        spec.tile_width = spec.tile_height = 0
+        parts = _as_asked(chain, chain.opened(like), given).parts
+        return Image(tuple(_drawn(part.spec, policy) for part in parts), policy)
+    return Image((_drawn(chain.first.spec or oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT), policy),), policy)
+
+
+def _drawn(like: oiio.ImageSpec, policy: str) -> Part:
+    """A part of the windows, channels and color space of another, black or checkered; written in the type of others."""
+    spec = oiio.ImageSpec(1, 1, 1, oiio.FLOAT)
+    spec.copy_dimensions(like)
+    spec.set_format(oiio.FLOAT)
+    spec.tile_width = spec.tile_height = 0
+    spec.channelnames = like.channelnames
+    spec.alpha_channel, spec.z_channel, spec.deep = like.alpha_channel, like.z_channel, False
+    for name in _OF_SEQUENCES:
+        if (value := like.getattribute(name)) is not None:
+            spec.attribute(name, value)
     buffer = oiio.ImageBuf(spec)
     if policy == "checker":
         dark, light = (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0)
         oiio.ImageBufAlgo.checker(buffer, 64, 64, 1, dark, light)
-    made = from_buffer(buffer)
-    return Image((dataclasses.replace(made.first, stored=None),), made.source)  # of the type of the other images
+    return dataclasses.replace(in_memory(like.get_string_attribute("oiio:subimagename"), buffer), stored=None)
 
 
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:

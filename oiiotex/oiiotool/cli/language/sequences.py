@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import NamedTuple
 
-from ....engine.errors import ParameterError
+from ....engine.errors import ImageError, ParameterError
+from ....engine.io.reading import read
 from .each import has_each, lines_of
 from .parse import settings_of
 from .tiles import Groups, fitting, matching_names, names_tiles, tile_files, tile_name
@@ -65,7 +67,7 @@ class Frame:
     padding: int = 0  # digits of FRAME_NUMBER_PAD by --framepadding; 0: none
     warning: str = ""  # for the user, in one line
     file: str = ""  # of --each
-    likes: tuple[tuple[str, str], ...] = ()  # for missing files an existing one of their sequence: (missing, existing)
+    likes: tuple[tuple[str, str], ...] = ()  # for each input of a sequence a readable file of it: (input, readable)
 
 
 def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
@@ -93,13 +95,18 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
 
 
 def _likes_of_each(lines: Sequence[tuple[str, ...]]) -> dict[int, str]:
-    """For each word that --each changes the first existing file."""
-    likes = {}
-    for index, names in enumerate(zip(*lines, strict=True)):
-        existing = next((name for name in names if os.path.isfile(name)), None)
-        if len(set(names)) > 1 and existing is not None:
-            likes[index] = existing
-    return likes
+    """For each word that --each changes the first readable file."""
+    changed = {index: names for index, names in enumerate(zip(*lines, strict=True)) if len(set(names)) > 1}
+    return {index: like for index, names in changed.items() if (like := _readable(names))}
+
+
+def _readable(names: Iterable[str]) -> str:
+    """The first image that can be read; empty: none."""
+    for name in names:
+        with suppress(ImageError):
+            read(name)
+            return name
+    return ""
 
 
 def frame_numbers(ranges: str) -> list[int]:
@@ -200,8 +207,8 @@ def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
     for row in zip(*columns, strict=True):
         names = {index: name for index, (_, _, name) in zip(survey.places, row, strict=True)}
         line = tuple(names.get(index, word) for index, word in enumerate(words))
-        missing = ((names[index], likes[index]) for index in likes if not os.path.exists(names[index]))
-        yield Frame(row[0].number, line, survey.padding, likes=tuple(missing))
+        shared = tuple((names[index], like) for index, like in likes.items())
+        yield Frame(row[0].number, line, survey.padding, likes=shared)
     for number in numbers if not columns else ():  # a range without wildcards repeats the words
         yield Frame(number, words, padding=survey.padding)
     if not (columns[0] if columns else numbers):
@@ -231,18 +238,18 @@ def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_FrameName]]:
 
 
 def _likes(words: tuple[str, ...], survey: _Survey, columns: list[list[_FrameName]]) -> dict[int, str]:
-    """For each input with a wildcard the first existing file of its sequence, in or out of the range.
+    """For each input with a wildcard the first readable file of its sequence, in or out of the range.
 
-    The substitute of a missing file follows it: frames that are run alone, as on a farm, agree.
+    The substitute of a missing or damaged file follows it: frames that are run alone, as on a farm, agree.
     """
     likes = {}
     for (index, output), column in zip(survey.places.items(), columns, strict=True) if "--missingfile" in words else ():
         pattern = _pattern(words[index], survey.name_padding)
         views = survey.views if re.search(_VIEW, pattern.text) else (None,)
         files = [file for view in views for _, file in _numbered(_seen(pattern.text, view)) or ()]
-        existing = [*files, *(one.name for one in column if os.path.exists(one.name))]
-        if existing and not output:
-            likes[index] = existing[0]
+        like = "" if output else _readable([*files, *(one.name for one in column)])
+        if like:
+            likes[index] = like
     return likes
 
 
