@@ -5,7 +5,7 @@ The second is a way around the patents on randomized search (docs/explanation/pa
 k-coherence search of Tong, Zhang, Liu, Wang, Guo and Shum, Synthesis of Bidirectional Texture Functions on Arbitrary
 Surfaces, SIGGRAPH 2002, section 4. Departures:
 
-- Matches have the links of their cell of a few pixels instead of their own: a table costs the same for any photo.
+- A match has the links of its cell of a few pixels, so that a table costs the same for any photo.
 - Links are followed one after the other, from the best match so far.
 - Finer levels follow one link. More find plainer patches, which are nearer to a mean of votes: fills lose sharpness.
 """
