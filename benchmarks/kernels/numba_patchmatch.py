@@ -13,7 +13,8 @@ from llvmlite.binding import get_host_cpu_features
 from numba import config, njit, prange
 
 from oiiotex.synthesis.patchmatch.field import Geometry
-from oiiotex.synthesis.patchmatch.matcher import JUMPS, SEARCHES
+from oiiotex.synthesis.patchmatch.matcher import JUMPS
+from oiiotex.synthesis.patchmatch.patch_search import WINDOWS
 
 PATCH = 11
 ROW = 3 * PATCH
@@ -251,8 +252,8 @@ class BoundMatcher:
         self._uses = np.zeros((e_rows + 2 * PATCH - 2, e_columns), np.int32)
         self._penalty = np.empty((e_rows, e_columns), np.int32)
         reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
-        shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
-        self._radius = np.array([max(1, int(reach * shrink**k)) for k in range(SEARCHES)], np.int32)
+        shrink = (2.0 / reach) ** (1.0 / (WINDOWS - 1))
+        self._radius = np.array([max(1, int(reach * shrink**k)) for k in range(WINDOWS)], np.int32)
         self.field, self._field_next = field.copy(), np.empty_like(field)
         self.distance, self._distance_next = np.empty(field.shape, np.int32), np.empty(field.shape, np.int32)
 

@@ -1,4 +1,4 @@
-// Toroidal PatchMatch on Lab rounded to an integer grid: MJH17 section 4.2, after BSFG09.
+// Toroidal PatchMatch, or k-coherence search, on Lab rounded to an integer grid: MJH17 section 4.2, after BSFG09.
 //
 // The field holds, for the patch at (x, y) of the target, the corner of its match in the exemplar. Images are 16-bit
 // values: L, a, b, and those of further maps of the same material. The target is padded at its right and bottom by
@@ -240,6 +240,35 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
     int ex = x0 + hash_below(bits, x1 - x0 + 1);
     bits = hash_pcg(bits + 2u * (uint)k + 2u);
     int ey = y0 + hash_below(bits, y1 - y0 + 1);
+    if (IN_PIECE(ey))
+      best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, 0);
+    else if (begun) return;   // in another piece
+  }
+  field_out[p] = best.at;
+  distance_out[p] = KEPT(best);
+}
+
+// The same without random numbers: candidates are the patches most similar to the best so far, by the `links` of its cell
+// of `side` pixels (patch_search.py). They are moved as the best one is within its cell.
+#define LINKS 8   // of each of `cells` in a row
+__kernel void patchmatch_follow(const __global short *restrict target, const __global short *restrict exemplar,
+                                const __global int *restrict penalty,
+                                const __global uint *restrict field, const __global int *restrict distance,
+                                __global uint *restrict field_out, __global int *restrict distance_out,
+                                int columns, int t_width, int e_columns, int e_rows, int e_width, int e_from, int e_to,
+                                const __global uint *restrict links, int begin, int end, uint side, uint cells,
+                                int from, int to, int first BEGUN OFFSET_PRICES) {
+  int x = get_global_id(0), y = from + get_global_id(1);
+  if (x >= columns || y >= to) return;
+  size_t p = AT(y, x, columns);
+  int row = first + y;
+  const __global short *patch = target + CHANNELS * AT(y, x, t_width);
+  match best = PRESENT(field, distance);
+  for (int k = begin; k < end; k++) {
+    int bx = corner_x(best.at), by = corner_y(best.at), n = (int)side;
+    uint link = links[LINKS * AT(by / n, bx / n, (int)cells) + k];
+    int ex = corner_x(link) + bx % n, ey = corner_y(link) + by % n;
+    if (ex >= e_columns || ey >= e_rows) continue;
     if (IN_PIECE(ey))
       best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, 0);
     else if (begun) return;   // in another piece

@@ -20,6 +20,7 @@ from ..engine.session.progress import Progress
 from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_masks import label_map
 from ..synthesis.exemplar.exemplar_op import MASK
+from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.label_growth import cell_side, grow_labels
@@ -62,6 +63,7 @@ class Composite(Reported, Quilted):
     planfile: Path | None = param(
         None, example="plan.npz", help="File (.npz) for the plan, which `quilt` renders with `fromplan`."
     )
+    search: str = param(RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True)
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
     def plan(self, facts: Facts) -> Plan:
@@ -98,7 +100,7 @@ class Composite(Reported, Quilted):
         with resources.stats.time("grow"):
             growth = grow_labels(
                 resources.device, labels.ids, side, Domain.tiling(*size, self.tiles), self.seed,
-                resources.budget, progress.advance,
+                resources.budget, progress.advance, search=self.search,
             )  # fmt: skip
         height, width = growth.ids.shape
         text = "%s grown to %d x %d cells of %d px; errors: proportions %.1f %%, neighborhoods %.1f %%"

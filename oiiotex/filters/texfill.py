@@ -22,6 +22,7 @@ from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_op import MaterialOp
 from ..synthesis.exemplar.heights import RELEVEL
 from ..synthesis.exemplar.patch_synthesis import PATCH_HELP, PATCHES
+from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.quality.report import REPORT
 from ..synthesis.quality.reported_op import Reported
 
@@ -122,6 +123,7 @@ class Fill(Reported, MaterialOp, InBands):
         " No effect with donor, or on photos without regular repeats.",
     )
     iterations: int = param(30, ge=1, le=1000, advanced=True, help="Number of iterations on the coarsest level.")
+    search: str = param(RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True)
     relevel: bool = param(False, help=RELEVEL, advanced=True)
 
     @classmethod

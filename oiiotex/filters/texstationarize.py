@@ -34,6 +34,7 @@ from ..synthesis.exemplar.presets import (
     masked,
 )
 from ..synthesis.layout.limits import require_layout
+from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
 from ..synthesis.quality.fidelity import FAIR, GOOD
 
@@ -115,6 +116,9 @@ True
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
     lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
+    search: str = param(  # type: ignore[misc]  # the base class has none
+        RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True
+    )
     relevel: bool = param(False, help=RELEVEL, advanced=True)  # type: ignore[misc]  # the base class has none
     pack: str | None = param(  # type: ignore[misc]  # the base class has none
         None,

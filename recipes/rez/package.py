@@ -7,7 +7,7 @@ description = "Texture filters for OpenImageIO and OpenColorIO pipelines, on Ope
 authors = ["Contributors to oiiotex"]
 tools = ["oiiotex"]
 # A pipeline already has packages of these. Other dependencies are installed into this package.
-requires = ["python-3.11+<3.14", "numpy-2+", "OpenImageIO-3.2.2+", "opencolorio-2.5+"]
+requires = ["python-3.11+<3.14", "numpy-2+", "OpenImageIO-3.1.19+", "opencolorio-2.5+"]
 build_requires = ["python-3.11+<3.14"]
 build_command = (
     "python -m pip install --target {install_path}/python --no-deps oiiotex[cpu]=={version}"

@@ -42,6 +42,7 @@ def made(recipe, exemplar=exemplar, **constraints):
 recipe = Recipe(width=6, height=5, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
                 uniformity=0.05, contrast=0.7, flat=True, complete=True)
 made(recipe)
+made(replace(recipe, search="coherent"))
 recipe = replace(recipe, wrap_x=False, wrap_y=False)
 exemplar = (np.random.default_rng(0).random((15, 9, 4)) * 100).astype(np.float32)
 fixed = FixedPixels(np.indices((5, 6)).sum(0) < 4, SourceMap(np.zeros((5, 6), np.uint32)))
@@ -57,6 +58,7 @@ def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, he
     return memory.MemoryPlan(layout, 0, 0, False)
 optimization.plan_memory = in_pieces
 made(recipe, exemplar)
+made(replace(recipe, search="coherent"), exemplar)
 """,
     "atlas": """
 import tempfile

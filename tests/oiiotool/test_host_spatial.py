@@ -6,8 +6,10 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+import OpenImageIO as oiio
 import pytest
 
+from oiiotex.engine.errors import ImageError
 from oiiotex.oiiotool.cli.running.line_run import run
 
 from ..peer import assert_same_file, chains, refused, same
@@ -149,3 +151,11 @@ plain.tif gray.tif | --paste 5 | --st_warp
 def test_refused(folder: Path, chain: str):
     """In one line."""
     refused(folder, f"{chain.partition(' -o ')[0]} -o o.exr", "")
+
+
+def test_an_older_openimageio_is_refused_by_what_needs_a_newer_one(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """OpenImageIO 3.1 has no decorrelation stretch. Said before a pixel is read."""
+    monkeypatch.delattr(oiio.ImageBufAlgo, "decorr_stretch", raising=False)
+    with pytest.raises(ImageError, match=rf"requires OpenImageIO 3.2, but {oiio.VERSION_STRING} is installed"):
+        run(["plain.tif", "--decorrstretch", "-o", "old.tif"], folder)
+    assert not (folder / "old.tif").exists()

@@ -7,7 +7,8 @@ import numpy as np
 
 from oiiotex.analysis.regularity.offset_prices import InStep
 from oiiotex.synthesis.patchmatch.field import Geometry, hash_at
-from oiiotex.synthesis.patchmatch.matcher import JUMPS, SEARCHES, Matcher
+from oiiotex.synthesis.patchmatch.matcher import JUMPS, Matcher
+from oiiotex.synthesis.patchmatch.patch_search import LINKS, WINDOWS, Links
 
 VARIANCE = 20000.0  # of random exemplars
 
@@ -92,12 +93,12 @@ class Oracle:
         """Random candidates in shrinking windows around the best so far."""
         g = self.g
         reach = max(g.exemplar_columns, g.exemplar_rows)
-        shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
+        shrink = (2.0 / reach) ** (1.0 / (WINDOWS - 1))
         for r in range(g.rows):
             for c in range(g.columns):
                 best = [self.cost[r, c], self.y[r, c], self.x[r, c]]
                 bits = int(hash_at(seed, step, np.array([r]), np.array([c]))[0])
-                for k in range(SEARCHES):
+                for k in range(WINDOWS):
                     radius = max(1, int(reach * shrink**k))
                     by, bx = int(best[1]), int(best[2])
                     x0, x1 = max(0, bx - radius), min(g.exemplar_columns - 1, bx + radius)
@@ -109,11 +110,39 @@ class Oracle:
                     self._offer(r, c, ey, ex, best)
                 self.cost[r, c], self.y[r, c], self.x[r, c] = best
 
-    def one_pass(self, seed: int, step: int) -> None:
+    def follow(self, links: Links) -> None:
+        """The links of the cell of the best so far, one after the other, moved as it is within its cell."""
+        for r in range(self.g.rows):
+            for c in range(self.g.columns):
+                best = [self.cost[r, c], int(self.y[r, c]), int(self.x[r, c])]
+                for k in range(LINKS):
+                    place = int(links.places[best[1] // links.side, best[2] // links.side, k])
+                    y, x = (place >> 16) + best[1] % links.side, (place & 0xFFFF) + best[2] % links.side
+                    self._offer(r, c, y, x, best)
+                self.cost[r, c], self.y[r, c], self.x[r, c] = best
+
+    def one_pass(self, seed: int, step: int, links: Links | None = None) -> None:
         """What one iteration of `Matcher.improve` does."""
         for jump in JUMPS:
             self.propagate(jump)
-        self.search(seed, step)
+        if links is None:
+            self.search(seed, step)
+        else:
+            self.follow(links)
+
+
+def nearest(reduced: np.ndarray, corner: np.ndarray, allowed: np.ndarray, least: int, most: int) -> list[list[int]]:
+    """For each patch, allowed ones by distance, then place: of the first `most`, those `least` px from all before."""
+    found = []
+    for own, values in enumerate(reduced):
+        distance = [int(((other - values) ** 2).sum()) for other in reduced]
+        order = sorted((d, k) for k, d in enumerate(distance) if allowed[k])[:most]
+        chosen = [own]
+        for _, k in order:
+            if all(abs(corner[k] - corner[other]).max() >= least for other in chosen) and len(chosen) <= LINKS:
+                chosen.append(k)
+        found.append(chosen[1:])
+    return found
 
 
 def pcg(v: int) -> int:

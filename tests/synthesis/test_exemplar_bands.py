@@ -51,6 +51,7 @@ OPS: dict[str, tuple[str, dict[str, Any]]] = {
     "a part anew": ("fill", {"region": marked(60, 80, 60, 90), "size": None}),
     "a material": ("stationarize", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
     "variants": ("stationarize", {"variants": 2, "measure": "moments", "iterations": 1}),
+    "coherent": ("stationarize", {"search": "coherent", "mask": HOLE}),
     "by the letter": ("stationarize", {"paper": True, "sigma": 5}),
 }
 

@@ -257,8 +257,8 @@ def require_float_ids(spec: oiio.ImageSpec, channels: Iterable[int], subject: st
 
 def _layer_names(spec: oiio.ImageSpec) -> dict[str, str]:
     """Names of layers in the metadata, with the key of each."""
-    found = ((re.fullmatch(r"cryptomatte/(.+)/name", one.name), one.value) for one in spec.extra_attribs)
-    return {str(value): match[1] for match, value in found if match}
+    named = ((re.fullmatch(r"cryptomatte/(.+)/name", one.name), one) for one in spec.extra_attribs)
+    return {str(one.value): match[1] for match, one in named if match}
 
 
 def _pairs(part: Part) -> Iterator[tuple[str, tuple[int, int]]]:

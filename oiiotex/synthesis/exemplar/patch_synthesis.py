@@ -21,6 +21,7 @@ from ...engine.errors import ParameterError, modifier, whole_budget
 from ...engine.session.facts import Facts
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
+from ..patchmatch.patch_search import RANDOM
 from ..patchmatch.recipe import Recipe
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
@@ -125,6 +126,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     pack: ClassVar[str | None] = None
     equaluse: ClassVar[float] = 0.01
     resume: ClassVar[bool] = False
+    search: ClassVar[str] = RANDOM
 
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
     tiles: str = tiles("xy")
@@ -167,6 +169,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             shifted="height" not in self.map_kinds,
             contrast=contrast,
             flat=flat,
+            search=self.search,
         )
 
     def result_count(self) -> int:

@@ -213,7 +213,7 @@ class RegionFill:
         op = self._op
         return Recipe.tiling(
             *window.size, self._tiling, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
-            uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE,
+            uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE, search=op.search,
         )  # fmt: skip
 
     def _in_step(self, recipe: Recipe, pixels: ExemplarPixels, window: Window) -> Recipe:

@@ -18,11 +18,11 @@ from ...engine.opencl.device import Device
 from .exemplar_rows import LEAST_ROWS, ExemplarRows, RowRange, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
+from .patch_search import WINDOWS, PatchSearch, RandomWindows
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
 MATCH_PASSES = 8  # for a field that no later step refines
 PICK_SIGMA = 3.0  # px; falloff of a patch's weight in the last vote from its center
 
@@ -49,23 +49,23 @@ class AddsPrices(Protocol):
 
 
 class Matcher:
-    """PatchMatch on one pyramid level, with as much of exemplar, target and field on the device as fits.
+    """Matches on one pyramid level, with as much of exemplar, target and field on the device as fits.
 
     `exemplar` (exemplar_height, exemplar_width, 3) int16; `allowed` (exemplar_rows, exemplar_columns) bool; `usable`
-    (exemplar_height, exemplar_width) bool or None.
+    (exemplar_height, exemplar_width) bool or None; `search`: default, the random windows of PatchMatch.
     """
 
     def __init__(
         self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
-        field: SourceMap, uniformity: float, seed: int, searches: int = SEARCHES, usable: np.ndarray | None = None,
-        use_prices: AddsPrices | None = None, offset_prices: Prices | None = None, rows: LevelRows | None = None,
-        exemplar_rows: ExemplarRows | None = None,
+        field: SourceMap, uniformity: float, seed: int, search: PatchSearch | None = None,
+        usable: np.ndarray | None = None, use_prices: AddsPrices | None = None, offset_prices: Prices | None = None,
+        rows: LevelRows | None = None, exemplar_rows: ExemplarRows | None = None,
     ):  # fmt: skip
         g, patches = geometry, (geometry.exemplar_rows, geometry.exemplar_columns)
         require_shape("exemplar", exemplar, (g.exemplar_height, g.exemplar_width, g.channels))
         require_shape("allowed", allowed, patches)
         require_shape("field", field.packed, (g.rows, g.columns))
-        self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
+        self._device, self._buffers, self.geometry = device, buffers, geometry
         self.exemplar = exemplar_rows or ExemplarRows(device, buffers, g, exemplar, allowed)
         self._run = device.program(
             "patchmatch", PATCH=g.patch, CHANNELS=g.channels, PIECES=int(not self.exemplar.whole),
@@ -83,10 +83,7 @@ class Matcher:
             device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
         elif field.packed is not store:
             store[:] = field.packed
-        reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
-        shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
-        radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
-        self._radius, self._searches = device.upload(np.array(radius, np.int32)), searches
+        self._search = search or RandomWindows(device, g, seed)
 
     def field(self) -> SourceMap:
         """The current field."""
@@ -156,14 +153,15 @@ class Matcher:
                     "propagate", (g.columns, end - begin), *self._matches(), g.columns, last - first, g.padded_width,
                     *e_size, *piece, *where, *begun, *self._offset_prices,
                 )  # fmt: skip
-        count = self._searches
-        for k in (0,) if self.exemplar.whole else range(count):  # a window depends on all before it
-            searches = (0, count) if self.exemplar.whole else (k, k + 1)
-            drawn = np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first
+        search = self._search
+        rounds = 1 if self.exemplar.whole else search.count  # a candidate depends on all before it
+        for k in range(rounds if search.count else 0):
+            candidates = (0, search.count) if self.exemplar.whole else (k, k + 1)
+            given = *search.numbers(step), top - first, bottom - first, first
             for piece, begun in self._change():
                 self._run(
-                    "search", (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size, *piece,
-                    self._radius, *searches, *drawn, *begun, *self._offset_prices,
+                    search.kernel, (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size,
+                    *piece, search.table, *candidates, *given, *begun, *self._offset_prices,
                 )  # fmt: skip
         if not whole:
             self.rows.field.save_later(top, bottom, first, into=self.rows.next_field)
@@ -287,7 +285,7 @@ def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | N
 
 def match_patches(
     device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
-    budget: int, passes: int = MATCH_PASSES,
+    budget: int, passes: int = MATCH_PASSES, windows: int = WINDOWS,
 ) -> tuple[SourceMap, float]:  # fmt: skip
     """The nearest-neighbor field of an image without uniformity, and its texture cost (MJH17 eq. 5).
 
@@ -308,6 +306,8 @@ def match_patches(
         Memory budget in bytes, for all allocations at a time.
     passes : int
         Passes of PatchMatch. 0: the cost of the initial guess.
+    windows : int
+        Random candidates of a pass. 0: matches are only propagated.
 
     Raises
     ------
@@ -325,7 +325,8 @@ def match_patches(
         image = MadeRows(
             (e_height, e_width, 3), np.int16, lambda first, last: to_grid(exemplar[first:last], geometry.steps)
         )
-        matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
+        search = RandomWindows(device, geometry, seed, windows)
+        matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed, search)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
         matcher.improve(passes, 0x3A7C)
         return matcher.field(), matcher.texture_cost()

@@ -59,14 +59,14 @@ from .field import (
 )
 from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
-from .matcher import SEARCHES, Matcher
+from .matcher import Matcher
 from .memory import ExemplarHeld, level_sigmas, plan_memory
+from .patch_search import SEARCHES
 from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
 PAPER_FINE_ITERATIONS = 3  # section 4.2: 2 or 3
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: coarsest level, finer levels, last iteration
-FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
 _LEVEL = 40_000  # pixels of an iteration that take as long as the preparation of a level
@@ -133,8 +133,8 @@ def synthesize(
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
     start = first_level(allowed, geometries, ruled_out, ENOUGH if constraints.fixed is None else ENOUGH_AMONG)
     scales, geometries = scales[start:], geometries[start:]
-    fine = PAPER_FINE_ITERATIONS if recipe.literal else recipe.fine
-    schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
+    fine_iterations = PAPER_FINE_ITERATIONS if recipe.literal else recipe.fine
+    schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine_iterations for _ in scales[1:])]
     schedule[-1][-1] = LAST_PASSES
     sizes = [g.width * g.height for g in geometries]
     steps = [size + _LEVEL * (n == 0) for size, level in zip(sizes, schedule, strict=True) for n in range(len(level))]
@@ -184,13 +184,14 @@ def synthesize(
                         field = fixed.start(field, fixed.image(exemplar, geometry), image, patches, geometry)
             else:
                 field = upsample_field(field, geometries[level - 1], geometry, patches, recipe.seed, place, in_step)
-            searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
+            fine = iteration > 0 and not recipe.literal  # the coarsest level has found the regions
+            search = SEARCHES[recipe.search](device, geometry, image, patches, recipe.seed, fine)
             prices = None
             if recipe.complete:
                 prices = UsePrices(device, buffers, geometry, image, patches, scale, variance, iteration == 0)
             e_rows = ExemplarRows(device, buffers, geometry, image, patches, None if weights is None else 1 / weights)
             matcher = Matcher(
-                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,
+                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, search, usable,
                 prices, in_step, rows, e_rows,
             )  # fmt: skip
             stays = None if fixed is None else fixed.image(exemplar, geometry)

@@ -12,6 +12,7 @@ from ...engine.core.source_map import require_addressable
 from ...engine.core.window import Domain
 from ...engine.errors import ImageError
 from .field import Geometry
+from .patch_search import RANDOM
 
 SCALE = 1.3  # ratio between pyramid levels (MJH17 section 4.2)
 COARSEST = 40  # px: longer side of the exemplar on the coarsest level, where a patch spans a third of it
@@ -55,6 +56,8 @@ class Recipe(Domain):
     literal : bool
         Use levels, iterations, projections and searches of the paper: start at a quarter of the tile, no overshoot,
         all search windows on all levels, and keep the residual of steerable filters.
+    search : str
+        How better matches are found: a name in `patch_search.SEARCHES`.
     """
 
     sigma: float | None
@@ -71,6 +74,7 @@ class Recipe(Domain):
     in_step: InStep | InCourses | None = None
     literal: bool = False
     fine: int = 1
+    search: str = RANDOM
 
     @property
     def scales(self) -> str:

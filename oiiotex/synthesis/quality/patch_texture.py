@@ -15,7 +15,7 @@ from ..patchmatch.field import Geometry
 from ..patchmatch.matcher import match_patches
 
 WHOLE = 1 << 22  # pixels of an image that is matched as a whole; of a larger one, windows with that many in total
-PASSES = 2  # of PatchMatch, from matches that are nearly right; more lower the cost by a few percent
+PASSES = 2  # of propagation, from matches that are nearly right; more lower the cost by a few percent
 _ACROSS = 4  # windows along each axis
 
 
@@ -44,7 +44,8 @@ def texture_of(
         rows, columns = window.inside(Window(0, 0, width, height))
         start = _patches(source[rows], columns, domain, exemplar.shape, patch)
         here = lab[rows][:, columns]
-        _, cost = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget, PASSES)
+        given = resources.device, here, exemplar, start, patch, domain, 0, resources.budget
+        _, cost = match_patches(*given, PASSES, windows=0)
         costs.append(cost)
         progress.advance(2, 3)  # a chance to cancel
     return float(np.mean(costs))

@@ -74,7 +74,7 @@ def report_lines(result: Mapping[str, Any], measure: str, order: int, sigma: flo
         cost = cost_text(m["cost"], measure, order, m["cost_photo"])
         yield f"{cost} at sigma {sigma or side / 32:g} px"
     if "texture" in m:
-        text = "(MJH17 eq. 5, upper bound by PatchMatch)"
+        text = "(MJH17 eq. 5, upper bound)"
         yield f"texture cost {m['texture']:.2f} Lab^2 per pixel {text}"
     for axis in "xy":
         if f"seam_{axis}" in m:

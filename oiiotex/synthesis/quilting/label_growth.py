@@ -17,6 +17,7 @@ from ...engine.deferred import np
 from ...engine.errors import ImageError
 from ...engine.opencl.device import Device
 from ..patchmatch.optimization import synthesize
+from ..patchmatch.patch_search import RANDOM
 from ..patchmatch.recipe import Recipe
 
 CELLS = 4  # per scale of a label map
@@ -79,8 +80,11 @@ def grow_labels(
     budget: int,
     progress: Callable[[int, int], None],
     tries: int = 4,
+    search: str = RANDOM,
 ) -> Grown:
     """Synthesize a map of labels from (h, w) ids, in cells of `side` px, for a domain. The best of `tries` is returned.
+
+    `search`: as of `Recipe`.
 
     Raises ImageError if it has no label, or regions too small for a patch of cells. Id 0 is unlabeled, and not grown.
     """
@@ -102,7 +106,7 @@ def grow_labels(
         recipe = Recipe(
             width, height, *domain.wraps, sigma=None, patch=patch, iterations=_ITERATIONS,
             seed=(seed + 0x9E3779B1 * attempt) & 0xFFFFFFFF, uniformity=_UNIFORMITY,
-            contrast=1.0, flat=False, literal=True,
+            contrast=1.0, flat=False, literal=True, search=search,
         )  # fmt: skip
         mask = None if allowed.all() else allowed
         synthesis = synthesize(device, values, mask, recipe, budget, counted, "cells without a label")

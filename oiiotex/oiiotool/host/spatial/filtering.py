@@ -226,6 +226,16 @@ def _ifft(source: oiio.ImageBuf) -> oiio.ImageBuf:
     return oiio.ImageBufAlgo.ifft(source if is_float else oiio.ImageBufAlgo.copy(source, oiio.FLOAT))
 
 
+class Decorrelation(AtOnce):
+    """A decorrelation stretch."""
+
+    def plan(self, facts: Facts) -> Plan:
+        """As of `AtOnce`; an older OpenImageIO is refused."""
+        if not hasattr(oiio.ImageBufAlgo, "decorr_stretch"):
+            raise ImageError(f"requires OpenImageIO 3.2, but {oiio.VERSION_STRING} is installed")
+        return super().plan(facts)
+
+
 def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
     """The stretched image; in one thread, because sums depend on their order."""
     first, count, scale, sigma, mean, percentile, mode = values
@@ -274,7 +284,7 @@ FILTERING = (
     FillHoles,
     op("fft", "Take the Fourier transform of the first channel, as (real, imaginary).", Fourier),
     op("ifft", "Take the inverse Fourier transform of (real, imaginary), as one channel.", Fourier, _ifft),
-    op("decorrstretch", "Exaggerate subtle color differences by a decorrelation stretch.", AtOnce,
+    op("decorrstretch", "Exaggerate subtle color differences by a decorrelation stretch.", Decorrelation,
        _decorrelated,
        source=(Image, image(help="Input image.")),
        firstchannel=param(0, ge=0, help="First channel to stretch."),
