@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oiiotex_studio.materials.preview import Looks, bilinear
+from oiiotex_studio.materials.preview import Looks
 
 from oiiotex.engine.color.srgb import encoded
 from oiiotex.oiiotool.service.client import Client
 from oiiotex.oiiotool.service.messages import Link
+from oiiotex.surfaces.charts.lighting import bilinear
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.studio.test_live import wait
