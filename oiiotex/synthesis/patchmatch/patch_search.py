@@ -29,10 +29,7 @@ SEARCH_HELP = (
     "How better matches of patches are found. random: in random windows, as in PatchMatch (BSFG09). coherent: among"
     " exact nearest neighbors (k-coherence), without random candidates; use it if patents on PatchMatch concern you."
 )
-WINDOWS, FINE_WINDOWS = (
-    6,
-    3,
-)  # of random search, from the whole exemplar down to about 2 px; finer levels have the narrowest
+WINDOWS, FINE_WINDOWS = 6, 3  # of random search, from the exemplar down to about 2 px; finer levels: the narrowest
 LINKS, FINE_LINKS = 8, 1  # of a cell, and of these on finer levels: more links there find plainer patches, and blur
 _CELLS = 2048  # of an exemplar, about; each is named by its first patch
 _NEAREST = 12  # neighbors that links are chosen from

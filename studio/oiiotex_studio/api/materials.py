@@ -22,7 +22,6 @@ from oiiotex.surfaces.charts.lighting import (
     SKY,
     LitMaterial,
     as_vectors,
-    bilinear,
     unit_normals,
 )
 from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
