@@ -45,6 +45,17 @@ def test_the_first_good_try_is_taken_else_the_best():
     assert made == [0.09]
 
 
+def test_of_nearly_equal_results_the_one_with_fewer_faults_is_taken():
+    whole = replace(judged(0.005), uneven=0.26, missing=0.106)
+    stepped = replace(judged(0.0157), uneven=0.25, missing=0.167)
+    assert 0 < stepped.value - whole.value < 0.02
+    for order in ((whole, stepped), (stepped, whole)):
+        tries = [Try(str(n), lambda _, one=one: one) for n, one in enumerate(order)]
+        assert best_of(tries, lambda made: made).made is whole
+    clearly = replace(whole, uneven=0.2)
+    assert best_of([Try("a", lambda _: whole), Try("b", lambda _: clearly)], lambda made: made).made is clearly
+
+
 def test_a_try_that_can_neither_become_good_nor_gain_is_not_made():
     made = []
 

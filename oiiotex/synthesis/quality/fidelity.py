@@ -32,6 +32,7 @@ ALIKE = 0.7  # the same for two autocorrelations, of pieces as large as the phot
 _LEAST_ALIKE = 0.2  # pieces that are less alike are too small to compare shapes
 _LARGE = 0.8  # of the photo: larger results are compared with it, smaller ones also with pieces of their size
 GOOD, FAIR = 0.8, 0.666  # a result below the first is tried again, warned about, or sent to review
+NEARLY = 0.02  # values that differ by less are nearly equal, and a try that cannot gain as much is not worth its time
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
@@ -120,6 +121,13 @@ class Fidelity:
         """The value if those parts were perfect."""
         worst = max((grade for grade, name, _ in self._grades() if name not in parts), default=0.0)
         return round(1.0 / (1.0 + worst / 4.0), 3)
+
+    def beats(self, other: Fidelity) -> bool:
+        """Whether it is the better one: of nearly equal values, the one whose parts exceed their limits by less."""
+        if abs(self.value - other.value) >= NEARLY:
+            return self.value > other.value
+        mine, others = (sum(max(0.0, grade - 1.0) for grade, _, _ in one._grades()) for one in (self, other))
+        return mine < others
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""

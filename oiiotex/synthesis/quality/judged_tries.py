@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from ...engine.errors import ImageError, present
-from .fidelity import GOOD, Fidelity
+from .fidelity import GOOD, NEARLY, Fidelity
 
 if TYPE_CHECKING:
     from ...engine.session.progress import Progress
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 Made = TypeVar("Made")
-_GAIN = 0.02  # of fidelity, for which another result is worth its time if it cannot become good
 
 
 class Dismissed(Exception):
@@ -84,7 +83,7 @@ def best_tried(
     first: Fidelity | None = None
     least = 0.0
     for one in tries:
-        if first is not None and one.hope(first) < min(GOOD, least + _GAIN):
+        if first is not None and one.hope(first) < min(GOOD, least + NEARLY):
             continue
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
@@ -101,7 +100,7 @@ def best_tried(
         if kept is None:  # too small to measure
             return best or Tried(one.spelled, made, None)
         first = first or kept
-        if best is None or kept.value > least:
+        if best is None or kept.beats(present(best.kept)):
             best, least = Tried(one.spelled, made, kept), kept.value
         if least >= GOOD:
             break
