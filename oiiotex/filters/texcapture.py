@@ -49,9 +49,9 @@ class Capture(InBands):
     """
 
     example: ClassVar[str] = """\
->>> import numpy as np
+>>> import OpenImageIO as oiio
 >>> lights = [0, 1, 1, 1, -1, 1, -1, -1, 1]  # x, y and z of each; y is up, z is towards the camera
->>> photos = [0.3 * photo * np.float32(brightness) for brightness in (1.0, 0.9, 0.9)]
+>>> photos = [oiio.ImageBufAlgo.mul(oiio.ImageBuf("photo.png"), share) for share in (0.3, 0.27, 0.27)]
 >>> albedo, normal, height = filters.capture(*photos, lights=lights, colorspace="lin_rec709_scene")
 """
     name: ClassVar[str] = "capture"

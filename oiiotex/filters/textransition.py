@@ -152,7 +152,7 @@ class Transition(Whole):
         if (axes := tiling_of(part.spec)) != "xy":
             raise ImageError(
                 f"{tile.source} {'does not tile' if axes == 'none' else f'tiles along {axes} only'}",
-                expected="a tile, as --texstationarize makes it",
+                expected="a tile, such as a result of stationarize",
                 hint="use tiled=xy if it repeats in both directions but does not say so",
             )
 
@@ -164,9 +164,7 @@ def _require_alike(first: Image, second: Image, like: Image, color: bool) -> Non
         if (spec.width, spec.height) != (specs[0].width, specs[0].height):
             size = f"{spec.width}x{spec.height}"
             expected = f"{specs[0].width}x{specs[0].height}, as {like.source}"
-            raise ImageError(
-                f"{one.source} is {size}: expected {expected}", hint="use --resize, or size= of both tiles"
-            )
+            raise ImageError(f"{one.source} is {size}: expected {expected}", hint="give both the same size")
     for name, values in (
         ("channels", [",".join(spec.channelnames) for spec in specs[1:]]),
         ("pixel type", [_type_of(one) for one in (first, second)]),

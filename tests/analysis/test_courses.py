@@ -115,7 +115,7 @@ def test_a_tile_keeps_its_joints_straight(device, rows):
 def test_only_a_photo_with_courses_and_no_lattice_is_kept_in_courses(caplog):
     picture, _ = ashlar(128, 128, 3, heights=(12, 26))
     photos = {"courses": picture, "lattice": regular("square", 128, 128, 1), "moss": pictures.moss(128, 128, 1)}
-    made, common = {}, {"seed": 2, "iterations": 2, "size": (128, 128)}
+    made, common = {}, {"seed": 2, "iterations": 2, "size": (128, 128), "sigma": 16.0}
     with caplog.at_level(logging.INFO, "oiiotex"):
         for name, photo in photos.items():
             caplog.clear()

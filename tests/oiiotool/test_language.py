@@ -127,7 +127,7 @@ def test_versions_of_everything_are_said():
         ("--texsta", ["--texstationarize", "--texstationarity"]),
         ("--resi", ["--resize"]),
         ("--resize:fil", ["filter="]),
-        ("--texstationarize:sigma=3:se", ["seed="]),
+        ("--texstationarize:sigma=3:see", ["seed="]),
         ("--help scal", ["scaling", "scale"]),
         ("--help texq", ["texquilt"]),
         ("--help --resi", ["--resize"]),

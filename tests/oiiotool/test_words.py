@@ -48,7 +48,7 @@ OURS = {
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
 NO_MODIFIERS = {"colorspace", "lines", "as_array", "kind"}  # of Python alone, and of a function for Gaffer
-OTHER_FILES = {".shape", ".venv", ".gitignore", ".typed", ".hlsl", ".wgsl"}
+OTHER_FILES = {".shape", ".venv", ".gitignore", ".typed", ".hlsl", ".wgsl", ".lp"}
 
 
 def library_options() -> set[str]:

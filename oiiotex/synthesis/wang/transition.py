@@ -247,14 +247,14 @@ def _edges(points: np.ndarray, depth: int) -> Iterator[tuple[int, tuple[int, ...
 
 
 def _refined(coarse: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The border of a coarser level, and the pixels beside it, on which the cut decides."""
+    """The border of a coarser level, and the pixels next to it, on which the cut decides."""
     from scipy import ndimage  # slow to import
 
     rows, columns = (np.arange(n) * c // n for n, c in zip(shape, coarse.shape, strict=True))
     fixed = coarse[rows][:, columns]
     around = 2 * _REFINED + 1
-    beside = ndimage.maximum_filter(fixed, around) != ndimage.minimum_filter(fixed, around)
-    return beside, fixed, np.zeros(fixed.size, np.int64)
+    near = ndimage.maximum_filter(fixed, around) != ndimage.minimum_filter(fixed, around)
+    return near, fixed, np.zeros(fixed.size, np.int64)
 
 
 def _between(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
