@@ -156,9 +156,9 @@ class _Level:
         self.shape = grids[0].shape[:2]
         share = (points.shape[-1] - 1) * width / (2 * min(self.shape))
         self.ragged, self.freedom = _RAGGED * share, (1 - _RAGGED) * share
-        self.noise = None if coarser else self.ragged * _noise(self.shape, seed)
+        self.noise = np.zeros((1, 1)) if coarser else self.ragged * _noise(self.shape, seed)  # of the coarsest level
         least = max(1, min(self.shape) // STRIP_SHARE)
-        self.depth = least if coarser is None else coarser.depth * self.shape[0] // coarser.shape[0]
+        self.depth: int = least if coarser is None else coarser.depth * self.shape[0] // coarser.shape[0]
         self.tiles: list[np.ndarray] = []
         self._strips: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
 

@@ -10,7 +10,7 @@ import logging
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -87,7 +87,9 @@ def _parser() -> _Parser:
     own.add_argument("target", type=_path, metavar="FOLDER", help="Target folder, outside the library.")
     _add_search(own, "ok")
     text = "Deliver atlases of Wang tiles to renderers: MaterialX, USD, shaders and a web page that shows the plane."
-    add = _add_atlases(command("wang", _wang, text, library=False), "--texstationarize:pack=atlas")
+    own = command("wang", _wang, text, library=False)
+    _add_atlases(own, "--texstationarize:pack=atlas")
+    add = own.add_argument
     add("--seed", type=_number, default=0, metavar="N", help="Arrangement of the tiles, as in an .oiiotex file.")
     text = "Width and height of a tile in units of texture coordinates, such as meters. Default: 1x1."
     add("--size", default="1x1", metavar="WxH", help=text)
@@ -96,19 +98,20 @@ def _parser() -> _Parser:
     text = "Convention of the normals. Default: opengl."
     add("--normals", default="opengl", choices=("opengl", "directx"), help=text)
     text = "Deliver atlases of two materials to editors of tile maps: a tile set and a map for Tiled, one for Godot."
-    add = _add_atlases(command("tileset", _tileset, text, library=False), "--textransition")
+    own = command("tileset", _tileset, text, library=False)
+    _add_atlases(own, "--textransition")
+    add = own.add_argument
     text = "Names of the two materials, such as grass,sand. Default: first,second."
     add("--materials", default="first,second", metavar="NAME,NAME", help=text)
     return parser
 
 
-def _add_atlases(parser: argparse.ArgumentParser, made_by: str) -> Callable[..., object]:
+def _add_atlases(parser: argparse.ArgumentParser, made_by: str) -> None:
     add = parser.add_argument
     add("folder", type=_path, metavar="FOLDER", help="Target folder.")
     text = f"Atlas of a map, made with {made_by}: color=FILE, normal=FILE, height=FILE ..."
     add("maps", nargs="+", metavar="ROLE=FILE", help=text)
     add("--name", default="", help="Name of the material. Default: name of the folder.")
-    return add
 
 
 def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
