@@ -135,7 +135,7 @@ class Transition(Whole):
             found = shown((first, second), self.count, width, self.seed, session.progress.advance)
         sheet, results = in_sheet(found.tiles, LAYOUT[self.count]), list[dict[str, Any]]()
         for pair, kind in zip(pairs, kinds, strict=True):
-            atlas = _atlas(pair, sheet, self.count)
+            atlas = _atlas(pair, sheet)
             results.append({"atlas": atlas if kind == "color" else atlas.respecced(mark_as_data)})
         results[0]["splat"] = lambda: self._splat(found, results[0]["atlas"].spec)
         return tuple(results)
@@ -180,15 +180,13 @@ def _type_of(image: Image) -> str:
     return "float" if np.issubdtype(dtype_of(spec), np.floating) else str(spec.format)
 
 
-def _atlas(pair: tuple[Image, Image], sheet: np.ndarray, count: int) -> Part:
+def _atlas(pair: tuple[Image, Image], sheet: np.ndarray) -> Part:
     """The pixels of one material where the sheet of all tiles is False, and those of the other where it is True."""
-    from ..synthesis.wang.transition import LAYOUT
-
     first = pair[0].first.pixels()
     second = pair[1].first.pixels().astype(first.dtype)
     height, width = first.shape[:2]
     tile = Window.sized(0, 0, width, height)
-    columns, rows = LAYOUT[count]
+    rows, columns = sheet.shape[0] // height, sheet.shape[1] // width
     spec = tiled_spec(derived_spec(pair[0].first.spec, *sheet.shape[::-1]), "xy" if columns == rows else "none")
     spec.attribute(ATLAS, f"{columns}x{rows}")
 

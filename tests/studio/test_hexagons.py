@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.hexes import LEAST, hex_measures, write_hexes
@@ -26,7 +24,7 @@ from tests.browser import DRAWING, chromium
 from tests.conftest import load, save
 from tests.library_makings import LINE, brought_in, recipe
 from tests.library_makings import here as here
-from tests.reference.wang import bilinear
+from tests.reference.materialx_graphs import evaluated
 from tests.studio.test_wang_renderers import RASTER, compiled, generated, needs_glslang
 
 SIDE = 64
@@ -126,82 +124,6 @@ def test_a_small_tile_is_not_judged():
 # --- what renderers get ---
 
 
-def evaluated(graph: object, output: str, uv: np.ndarray, folder: Path) -> np.ndarray:
-    """What an output of the graph gives at coordinates, with v upwards, by the specification of MaterialX."""
-    known: dict[str, np.ndarray] = {}
-
-    def noise(place: np.ndarray) -> np.ndarray:
-        return np.vectorize(cell_noise)(*np.moveaxis(np.floor(place).astype(int), -1, 0))[..., None]
-
-    def image(node: object, place: np.ndarray) -> np.ndarray:
-        texels = oiio.ImageBuf(str(folder / node.getInputValue("file"))).get_pixels(oiio.FLOAT)
-        return bilinear(texels, place[..., 0] * texels.shape[1] - 0.5, -place[..., 1] * texels.shape[0] - 0.5)
-
-    def value(node: object) -> np.ndarray:
-        if node.getName() not in known:
-            known[node.getName()] = computed(node)
-        return known[node.getName()]
-
-    def computed(node: object) -> np.ndarray:
-        def port(name: str) -> np.ndarray:
-            source = node.getConnectedNode(name)
-            if source is not None:
-                return value(source)
-            return np.array([float(n) for n in node.getInput(name).getValueString().split(",")], float)
-
-        kind = node.getCategory()
-        if kind == "texcoord":
-            return uv
-        if kind == "image":
-            return image(node, port("texcoord"))
-        if kind == "cellnoise2d":
-            return noise(port("texcoord"))
-        if kind == "ifgreater":
-            return np.where(port("value1") > port("value2"), port("in1"), port("in2"))
-        if kind == "clamp":
-            return np.clip(port("in"), port("low"), port("high"))
-        if kind in ("combine2", "combine3"):
-            return np.concatenate([port(f"in{n}") for n in range(1, 1 + int(kind[-1]))], axis=-1)
-        if kind == "convert":
-            return np.broadcast_to(port("in"), (*port("in").shape[:-1], 3))
-        if kind == "dotproduct":
-            return (port("in1") * port("in2")).sum(-1, keepdims=True)
-        if kind == "invert":
-            return 1 - port("in")
-        one = {"floor": np.floor, "absval": np.abs, "sqrt": np.sqrt}
-        if kind in one:
-            return one[kind](port("in"))
-        two = {"add": np.add, "subtract": np.subtract, "multiply": np.multiply, "divide": np.divide, "power": np.power}
-        return two[kind](port("in1"), port("in2"))
-
-    return value(graph.getNode(graph.getOutput(output).getNodeName()))
-
-
-def cell_noise(x: int, y: int) -> float:
-    """`cellnoise2d`, line by line as in MaterialX's mx_bjfinal."""
-    most = 0xFFFFFFFF
-    a = b = c = (0xDEADBEEF + 8 + 13) & most
-    a, b = (a + x) & most, (b + y) & most
-
-    def turned(bits: int, count: int) -> int:
-        return ((bits << count) | (bits >> (32 - count))) & most
-
-    c ^= b
-    c = (c - turned(b, 14)) & most
-    a ^= c
-    a = (a - turned(c, 11)) & most
-    b ^= a
-    b = (b - turned(a, 25)) & most
-    c ^= b
-    c = (c - turned(b, 16)) & most
-    a ^= c
-    a = (a - turned(c, 4)) & most
-    b ^= a
-    b = (b - turned(a, 14)) & most
-    c ^= b
-    return ((c - turned(b, 24)) & most) / most
-
-
 def test_the_graph_gives_the_plane(delivered):
     """Within 1/255, also far away: color, a gray map, one that is converted, and normals without a table."""
     mx = pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
@@ -212,7 +134,7 @@ def test_the_graph_gives_the_plane(delivered):
     u, v = places(-3.0, 1000.0, 40)
     uv = np.stack([2 * u, -0.5 * v], -1)  # a tile is 2 x 0.5 units
     for role in ("color", "roughness", "opacity"):
-        shown = evaluated(graph, role, uv, folder)
+        shown = evaluated(graph.getNode(graph.getOutput(role).getNodeName()), uv, folder)
         wanted = blended(gaussianized(maps[role]), u, v)
         np.testing.assert_allclose(shown, np.broadcast_to(wanted, shown.shape), atol=1 / 255)
     assert materialx_faults(folder / "a moss.mtlx") == []

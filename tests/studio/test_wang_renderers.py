@@ -35,7 +35,7 @@ from oiiotex.synthesis.quality.seam_measures import sharpness
 from oiiotex.synthesis.wang.viewer import shader
 from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium
-from tests.reference.wang import bilinear
+from tests.reference.materialx_graphs import evaluated
 
 TILE = 16  # px
 ROLES = {"color": "srgb_rec709_scene", "normal": "", "roughness": "", "metal": "", "height": "", "opacity": ""}
@@ -198,39 +198,6 @@ def test_documents_are_valid_and_connect_every_map(folder):
     assert standard.getNode("index_image").getInputValue("filtertype") == "closest"
 
 
-def evaluated(graph: object, role: str, uv: np.ndarray, folder: Path) -> np.ndarray:
-    """What a map's node of the standard graph gives at coordinates, with v upwards, by the specification."""
-
-    def image(node: object, place: np.ndarray) -> np.ndarray:
-        texels = oiio.ImageBuf(str(folder / node.getInputValue("file"))).get_pixels(oiio.UINT8) / 255
-        x, y = place[..., 0] * texels.shape[1], -place[..., 1] * texels.shape[0]  # the last row is at v = 0
-        if node.getInputValue("filtertype") == "closest":
-            return texels[np.floor(y).astype(int) % texels.shape[0], np.floor(x).astype(int) % texels.shape[1]]
-        return bilinear(texels, x - 0.5, y - 0.5)
-
-    def value(node: object) -> np.ndarray:
-        def port(name: str) -> np.ndarray:
-            source = node.getConnectedNode(name)
-            if source is not None:
-                return value(source)
-            return np.array([float(n) for n in node.getInput(name).getValueString().split(",")], float)
-
-        kind = node.getCategory()
-        if kind == "texcoord":
-            return uv
-        if kind == "image":
-            return image(node, port("texcoord"))
-        if kind == "extract":
-            return port("in")[..., int(port("index")[0]), None]
-        if kind == "combine2":
-            return np.concatenate([port("in1"), port("in2")], axis=-1)
-        if kind == "floor":
-            return np.floor(port("in"))
-        return {"add": np.add, "subtract": np.subtract, "multiply": np.multiply}[kind](port("in1"), port("in2"))
-
-    return value(graph.getNode(f"{role}_image"))
-
-
 def test_the_graph_gives_the_pixels_of_an_endless_texture(folder):
     mx = pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
     document = mx.createDocument()
@@ -238,7 +205,7 @@ def test_the_graph_gives_the_pixels_of_an_endless_texture(folder):
     y, x = np.indices((150, 200)) - 40
     uv = np.stack([(x + 0.5) / TILE * 2, -(y + 0.5) / TILE * 0.5], axis=-1)  # a tile is 2 x 0.5 units
     for role in ("color", "height"):
-        shown = evaluated(document.getNodeGraph("maps_a_wall"), role, uv, folder / "out")
+        shown = evaluated(document.getNodeGraph("maps_a_wall").getNode(f"{role}_image"), uv, folder / "out")
         wanted = endless(folder, role).tile(0, Window.sized(-40, -40, 200, 150), Session())
         np.testing.assert_allclose(255 * shown, wanted, atol=0.01)
 

@@ -136,12 +136,9 @@ def captured(
         Whether to find roughness.
     """
     fitting, integrating = progress.stages(3, 1)
-    first = photos[0].first
-    whole, small = (
-        first.window,
-        first.spec.width * first.spec.height * (first.pixel_bytes + 12) <= resources.budget // 4,
-    )
+    first, whole = photos[0].first, photos[0].first.window
     size = whole.height, whole.width
+    small = whole.height * whole.width * (first.pixel_bytes + 12) <= resources.budget // 4
     albedo = empty_rows((*size, first.spec.nchannels), dtype_of(first.spec), small)
     slopes, heights = empty_rows((*size, 2), np.float32, small), empty_rows(size, np.float32, small)
     sums = np.zeros((WIDTHS, *cells_of(whole.size)), np.float32) if rough else None

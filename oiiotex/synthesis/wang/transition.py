@@ -54,13 +54,7 @@ def controls(count: int) -> np.ndarray:
     return np.array([*tiles, np.zeros((3, 3), int).tolist()])
 
 
-def transition_points(count: int) -> list[list[list[int]]]:
-    """`controls` as lists."""
-    points: list[list[list[int]]] = controls(count).tolist()
-    return points
-
-
-def transition_count(spec: oiio.ImageSpec) -> int:
+def count_of(spec: oiio.ImageSpec) -> int:
     """The number of tiles of an image that is such a set; 0 if it is none."""
     if spec.get_string_attribute(FILTER) != "transition":
         return 0

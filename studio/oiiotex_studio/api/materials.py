@@ -28,5 +28,5 @@ from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_p
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image
 from oiiotex.synthesis.wang.transition import LAYOUT as TRANSITION_LAYOUT
-from oiiotex.synthesis.wang.transition import transition_count, transition_points
+from oiiotex.synthesis.wang.transition import controls, count_of
 from oiiotex.synthesis.wang.viewer import HEX_SHADERS, SHADERS, shader, viewer_page

@@ -25,6 +25,7 @@ _GODOT = {  # points, by the name of a peering bit
 }  # fmt: skip
 _COLORS = "#5a8f3c", "#d8b365"  # of the materials in an editor
 _MAP = 12, 8  # cells of the example map
+Points = list[list[list[int]]]  # of each tile, the materials at its points, by row and column
 
 
 def write_tileset(atlases: Mapping[str, str], folder: Path, name: str, names: tuple[str, str]) -> None:
@@ -45,10 +46,10 @@ def write_tileset(atlases: Mapping[str, str], folder: Path, name: str, names: tu
         A file is not such an atlas, or they do not belong together.
     """
     count, size = checked({role: read(str(folder / file)) for role, file in atlases.items()})
-    points = materials.transition_points(count)
-    _write_xml(_tsx(points, size, atlases["color"], name, names), folder / f"{name}.tsx")
+    points, columns = materials.controls(count).tolist(), materials.TRANSITION_LAYOUT[count].width
+    _write_xml(_tsx(points, columns, size, atlases["color"], name, names), folder / f"{name}.tsx")
     _write_xml(_tmx(points, size, name), folder / f"{name}.tmx")
-    (folder / f"{name}.tres").write_text(_tres(points, size, atlases, names), encoding="utf-8")
+    (folder / f"{name}.tres").write_text(_tres(points, columns, size, atlases, names), encoding="utf-8")
 
 
 def checked(maps: Mapping[str, Image]) -> tuple[int, tuple[int, int]]:
@@ -58,7 +59,7 @@ def checked(maps: Mapping[str, Image]) -> tuple[int, tuple[int, int]]:
     found = {}
     for role, image in maps.items():
         spec = image.first.spec
-        if not (count := materials.transition_count(spec)):
+        if not (count := materials.count_of(spec)):
             raise Error(
                 f"{image.source} is not an atlas of --textransition; save it as EXR or PNG, which keep its attributes"
             )
@@ -82,10 +83,10 @@ def _material(points: list[list[int]], place: tuple[int, int]) -> int | None:
 
 
 def _tsx(
-    points: list[list[list[int]]], size: tuple[int, int], image: str, name: str, names: tuple[str, str]
+    points: Points, columns: int, size: tuple[int, int], image: str, name: str, names: tuple[str, str]
 ) -> xml.Element:
-    columns, rows = materials.TRANSITION_LAYOUT[16 if len(points) == 16 else 47]
     width, height = size
+    rows = len(points) // columns
     root = xml.Element(
         "tileset", version="1.8", name=name, tilewidth=str(width), tileheight=str(height), tilecount=str(len(points)),
         columns=str(columns),
@@ -103,7 +104,7 @@ def _tsx(
     return root
 
 
-def _tmx(points: list[list[list[int]]], size: tuple[int, int], name: str) -> xml.Element:
+def _tmx(points: Points, size: tuple[int, int], name: str) -> xml.Element:
     """An example map."""
     across, down = _MAP
     cells = _example(points, across, down)
@@ -118,7 +119,7 @@ def _tmx(points: list[list[list[int]]], size: tuple[int, int], name: str) -> xml
     return root
 
 
-def _example(points: list[list[list[int]]], across: int, down: int) -> list[list[int]]:
+def _example(points: Points, across: int, down: int) -> list[list[int]]:
     """Tiles that fit each other: numbers by row and column."""
     numbers = {json.dumps(tile): number for number, tile in enumerate(points)}
     chance = random.Random(1)
@@ -146,9 +147,8 @@ def _example(points: list[list[list[int]]], across: int, down: int) -> list[list
 
 
 def _tres(
-    points: list[list[list[int]]], size: tuple[int, int], atlases: Mapping[str, str], names: tuple[str, str]
+    points: Points, columns: int, size: tuple[int, int], atlases: Mapping[str, str], names: tuple[str, str]
 ) -> str:
-    columns = materials.TRANSITION_LAYOUT[16 if len(points) == 16 else 47][0]
     corners = len(points[0]) == 2
     files = [atlases[role] for role in ("color", "normal") if role in atlases]
     lines = [f'[gd_resource type="TileSet" load_steps={2 * len(files) + 1} format=3]', ""]
