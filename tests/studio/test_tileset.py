@@ -73,7 +73,13 @@ def test_godot_gets_terrains_and_normals(tmp_path):
     assert 'normal_texture = ExtResource("2")' in text and 'texture = SubResource("lit")' in text
     assert 'terrain_set_0/terrain_1/name = "\\"s\\""' in text and "terrain_set_0/mode = 0" in text
     assert len(re.findall(r"^\d:\d/0 = 0$", text, re.M)) == 48
-    assert len(re.findall(r"terrains_peering_bit/top_side", text)) == 48
+    down, right = {"top": 0, "bottom": 2}, {"left": 0, "right": 2}
+    bits = re.findall(r"^(\d):(\d)/0/terrains_peering_bit/([a-z_]+)_(?:side|corner) = (\d)$", text, re.M)
+    assert len(bits) == 48 * 8
+    for column, row, name, value in bits:
+        words = name.split("_")
+        y, x = (next((places[word] for word in words if word in places), 1) for places in (down, right))
+        assert controls(47)[int(row) * 8 + int(column)][y, x] == int(value)
     assert text.index("terrain_set_0/mode") < text.index("sources/0 =")
 
 

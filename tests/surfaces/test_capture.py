@@ -143,7 +143,10 @@ def test_high_dynamic_range_is_kept_and_gray_and_data_work():
 def test_pixels_of_alpha_0_are_gaps():
     alpha = np.ones((SIDE, SIDE, 1))
     alpha[30:50, 40:70] = 0
-    photos = [np.concatenate([photo * alpha, alpha], -1) for photo in shots(RING)]
+    glow = 0.1 * (1 - alpha) * np.arange(len(RING))[:, None, None, None]  # color without opacity, as of a fire
+    photos = [
+        np.concatenate([photo * alpha + light, alpha], -1) for photo, light in zip(shots(RING), glow, strict=True)
+    ]
     albedo, normals, heights = captured(photos, lights=RING.ravel())
     seen, whole = alpha[..., 0] > 0, captured(shots(RING), lights=RING.ravel())
     assert not albedo[~seen].any()

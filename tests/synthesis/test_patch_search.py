@@ -42,6 +42,15 @@ def test_links_are_the_nearest_patches_that_are_apart(monkeypatch, cells, masked
         assert links.places[r // links.side, c // links.side].tolist() == [y << 16 | x for y, x in corner[wanted]]
 
 
+def test_of_equal_patches_the_first_are_linked():
+    """So that links do not depend on how a tree was built: each ninth of a photo is the same."""
+    g = pm.Geometry(9, 9, True, True, exemplar_width=48, exemplar_height=48, patch=7)
+    image = np.tile(np.random.default_rng(3).integers(-300, 300, (16, 16, 3)), (3, 3, 1)).astype(np.int16)
+    places = Links.of(image, pm.allowed_patches(np.ones((48, 48), bool), g), g).places
+    equal = [y << 16 | x for y in range(0, 42, 16) for x in range(0, 42, 16)]
+    assert places[16, 16].tolist() == [place for place in equal if place != 16 << 16 | 16]
+
+
 @pytest.mark.parametrize("g", GEOMETRIES)
 def test_a_pass_of_propagation_and_links_is_the_oracles(all_lanes, g, monkeypatch):
     monkeypatch.setattr(patch_search, "_CELLS", 20)

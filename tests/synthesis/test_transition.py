@@ -12,7 +12,7 @@ import pytest
 from oiiotex import filters
 from oiiotex.engine.errors import ImageError, ParameterError
 from oiiotex.synthesis.graphcut.seams import NEIGHBORS, GridEdges, chosen, edges, edges_at
-from oiiotex.synthesis.wang.transition import LAYOUT, controls, shown, widest
+from oiiotex.synthesis.wang.transition import LAYOUT, TransitionTiles, controls, shown, widest
 from tests import pictures
 from tests.any_filter import buffer
 
@@ -90,6 +90,15 @@ def test_weights_continue_across_edges(found):
         steps = np.abs(np.diff(row, axis=1))
         assert steps[:, 7].max() <= steps.max() and steps[:, 7].max() <= 1 / one.depth + 1e-6
         assert row.min() == 0 and row.max() == 1
+
+
+def test_weights_of_the_other_material_are_the_rest(found):
+    """The ramp is centered on the border: half of a pixel's step to either side of it."""
+    _, one = found
+    other = TransitionTiles([~tile for tile in one.tiles], one.depth, lambda number: ~one.around(number))
+    for number in (1, 2, 5):
+        np.testing.assert_allclose(one.weights(number) + other.weights(number), 1, atol=1e-6)
+        assert (one.weights(number) > 0.5).tolist() == one.tiles[number].tolist()
 
 
 def test_borders_follow_objects():

@@ -29,7 +29,6 @@ STRIP_SHARE = 20  # of the side of a tile, 1 / n: the depth of a strip
 _COARSEST = 256  # px; on larger tiles, the border found there is refined level by level
 _REFINED = 2  # px on each side of the border of the coarser level
 _RAGGED = 0.7  # share of the border's width that is random; the cut decides on the rest
-_LEAN = 3  # cost of a pixel far from the random border, of 64 for a difference as large as the gradient
 _STREAM = 0x7A51  # of random numbers
 Place = tuple[slice, slice]
 _CELLS, _OCTAVES = 6, 3  # of the noise: cells along a side on its coarsest octave, and number of octaves
@@ -161,13 +160,13 @@ class _Level:
         points, depth = self.points[number], self.depth
         if self.coarser is None:
             more = 2 * (len(points) - 1) * depth / min(self.shape)  # the edges' strips are decided without the inside
-            free, fixed, lean = self._field(_between(points, self.shape), (0, 0), more)
+            free, fixed = self._field(_between(points, self.shape), (0, 0), more)
         else:
-            free, fixed, lean = _refined(self.coarser.tiles[number], self.shape)
+            free, fixed = _refined(self.coarser.tiles[number], self.shape)
         for axis, line, here, part in _edges(points, depth):
             fixed[here] = self.strip(axis, line)[part]
             free[here] = False
-        self.tiles.append(self._cut(free, fixed, lean, (0, 0)))
+        self.tiles.append(self._cut(free, fixed, (0, 0)))
 
     def strip(self, axis: int, line: tuple[int, ...]) -> np.ndarray:
         """The pixels along an edge, on both sides; bool, (2 * depth, width) for axis 0, else (height, 2 * depth).
@@ -197,24 +196,20 @@ class _Level:
         shape = (2 * depth, self.shape[1]) if axis == 0 else (self.shape[0], 2 * depth)
         if self.coarser is None:
             points = np.array([line, line]) if axis == 0 else np.array([line, line]).T
-            free, fixed, lean = self._field(_between(points, shape), corner, 0.0)
+            free, fixed = self._field(_between(points, shape), corner, 0.0)
         else:
-            free, fixed, lean = _refined(self.coarser.strip(axis, line), shape)
+            free, fixed = _refined(self.coarser.strip(axis, line), shape)
         for end in (slice(0, depth), slice(-depth, None)):  # where strips cross, all tiles show the corner's material
             here = (slice(None), end) if axis == 0 else (end, slice(None))
             free[here], fixed[here] = False, line[0 if end.start == 0 else -1]
-        return self._cut(free, fixed, lean, corner)
+        return self._cut(free, fixed, corner)
 
-    def _field(
-        self, mean: np.ndarray, corner: tuple[int, int], more: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where the cut decides, the random border elsewhere, and how pixels lean to it."""
+    def _field(self, mean: np.ndarray, corner: tuple[int, int], more: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the cut decides, and the random border elsewhere."""
         apart = mean + _window(self.noise, corner, mean.shape) - 0.5
-        freedom = self.freedom + 1e-9
-        lean = np.rint(-np.sign(apart) * _LEAN * (apart / freedom) ** 2).astype(np.int64)
-        return np.abs(apart) < freedom + more, apart > 0, lean.ravel()
+        return np.abs(apart) < self.freedom + more, apart > 0
 
-    def _cut(self, free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, corner: tuple[int, int]) -> np.ndarray:
+    def _cut(self, free: np.ndarray, fixed: np.ndarray, corner: tuple[int, int]) -> np.ndarray:
         if not free.any():
             return fixed
         width, costs = free.shape[1], []
@@ -227,7 +222,7 @@ class _Level:
             s, t = edges_at(free, step)
             cost = seam_cost(*(colors(grid, at) for grid in self.grids for at in (s, t)))
             costs.append(GridEdges(s, t, cost, cost))
-        return chosen(free, fixed, lean, costs)
+        return chosen(free, fixed, np.zeros(free.size, np.int64), costs)
 
 
 def _edges(points: np.ndarray, depth: int) -> Iterator[tuple[int, tuple[int, ...], Place, Place]]:
@@ -240,7 +235,7 @@ def _edges(points: np.ndarray, depth: int) -> Iterator[tuple[int, tuple[int, ...
             yield axis, tuple(line.tolist()), *places
 
 
-def _refined(coarse: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _refined(coarse: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """The border of a coarser level, and the pixels next to it, on which the cut decides."""
     from scipy import ndimage  # slow to import
 
@@ -248,7 +243,7 @@ def _refined(coarse: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np
     fixed = coarse[rows][:, columns]
     around = 2 * _REFINED + 1
     near = ndimage.maximum_filter(fixed, around) != ndimage.minimum_filter(fixed, around)
-    return near, fixed, np.zeros(fixed.size, np.int64)
+    return near, fixed
 
 
 def _between(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
