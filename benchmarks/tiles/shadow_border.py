@@ -26,7 +26,7 @@ from benchmarks.tiles import drifts, shadows
 from benchmarks.tiles.first_tile import cell
 
 CELLS = 96  # along the longer side
-SURE = 150.0  # gain in log likelihood; up to 125 on 19 photos of stains, windows, tar, rust and dark bricks
+SURE = 150.0  # gain in log likelihood; up to 125 on 19 photos of stains, windows, rust and dark bricks
 BLUISH = 1.05  # least share of the sky in blue over that in red
 _LEVEL = 4.0  # cells; sigma of the level that the first border is decided on
 _TEXTURE = 3.0  # cells; sigma at which the texture's own variation counts as noise
