@@ -13,14 +13,14 @@ from ..engine.core.attributes import ATLAS, TAG, mark_as_data
 from ..engine.core.image import Image, Part, derived_spec, dtype_of, from_pixels, spec_beside
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Size, Words, image, param
-from ..engine.core.tiling import TILED, retiled, tiled_spec, tiling_of
+from ..engine.core.tiling import retiled, tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import ColorError, ImageError, ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import SEED
-from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of, read_material
+from ..synthesis.exemplar.materials import kinds_of, read_material
 
 if TYPE_CHECKING:
     from ..synthesis.wang.transition import TransitionTiles
@@ -65,7 +65,11 @@ class Transition(Whole):
     materials: tuple[Image, ...] = image(
         help="Tile of each material; of several maps, all of the first material first."
     )
-    kinds: Words | None = param(None, unset="one map: color", help=KINDS_HELP, example="color,normal")
+    kinds: Words | None = param(
+        None, unset="one map: color", example="color,normal",
+        help="Kind of each map of a material: color, data, normal or height. The last images on the stack are used: all"
+        " maps of the first material, then all of the second.",
+    )  # fmt: skip
     count: int = param(
         16, choices=(16, 47),
         help="Number of tiles. 16: by their corners. 47: by corners and sides, a blob tile set.",
@@ -77,7 +81,10 @@ class Transition(Whole):
     splat: bool | Path = param(
         False, example="splat.exr", help="Weight of the second material. 1: append it; a file name: write it there."
     )
-    tiled: str | None = TILED
+    tiled: str | None = param(
+        None, choices=("none", "x", "y", "xy", None), example="xy",
+        unset="those that the image's wrapmodes call periodic", help="Axes along which the given tiles repeat.",
+    )  # fmt: skip
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
 
     @classmethod
