@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..engine.color.lab import working_values
 from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
@@ -106,7 +107,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
         if self.guide is not None:  # a painting is not to look like the photo
             made = sewing.quilt(pixels, resources, progress)
         else:
-            own = self.seen(resources)[0]
+            own = working_values(self.exemplar, resources, self.working_space, self.holds_both(resources))[0]
             tries = self._tries(sewing, pixels, resources, progress)
             best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own), progress)
             say_fidelity(self.flag(), best.kept, best.spelled, warn=self.patch is None)

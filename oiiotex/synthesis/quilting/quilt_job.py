@@ -108,6 +108,10 @@ class Quilted(LabeledExemplar, Gather):
         """Whether its values are in memory."""
         return self.holds(facts, _VALUE_BYTES)
 
+    def holds_both(self, facts: Facts) -> bool:
+        """Whether its values before and after flattening are in memory."""
+        return self.holds(facts, 2 * _VALUE_BYTES)
+
     def photo_bytes(self, facts: Facts) -> int:
         """Memory per photo pixel for its values and the Lab copy: both only if they fit easily."""
         own = self.exemplar.first.pixel_bytes

@@ -15,7 +15,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import Any
 
 from ...analysis.labels.content_table import ContentTable
@@ -154,7 +154,7 @@ class Quilt:
     """
 
     device: Device
-    exemplar: QuiltExemplar
+    exemplar: InitVar[QuiltExemplar]  # on the device from then on
     grid: Grid
     demand: Demand
     rules: Rules
@@ -166,8 +166,8 @@ class Quilt:
     report: Callable[[int, int], None] | None = None
     waves_decided: int = field(default=0, init=False)
 
-    def __post_init__(self) -> None:
-        e, g, t = self.exemplar, self.grid, self.exemplar.table
+    def __post_init__(self, exemplar: QuiltExemplar) -> None:
+        e, g, t = exemplar, self.grid, exemplar.table
         guided = self.demand.guide is not None and e.labels is not None
         sizes = layout(e, g, self.rules, guided, self.pixels)
         size = f"quilting {g.width}x{g.height} in {math.prod(g.shape)} patches of {g.patch} px"
@@ -214,7 +214,8 @@ class Quilt:
             self.rules.seed & 0xFFFFFFFF, guided, self._structure, *steps.ravel(),
         )  # fmt: skip
         self._renderer = Renderer(self.device, self._buffers, g, facts, self.pixels, self._lock)
-        self._units = self._weights(len(e.finer))
+        self._levels = len(e.finer)
+        self._units = self._weights(total_variance(e.lab), squares)
 
     @property
     def _structure(self) -> int:
@@ -226,13 +227,11 @@ class Quilt:
         """Distance between two samples of a histogram, px: their number is the same for any patch."""
         return max(LABEL_STEP, self.grid.patch // 16)
 
-    def _weights(self, levels: int) -> tuple[np.int64, ...]:
+    def _weights(self, variance: float, squares: PatchSquares) -> tuple[np.int64, ...]:
         """Costs of an excess histogram sample, of a sample off the guide, of reuse, and of being out of phase."""
-        g, squares = self.grid, PatchSquares.of(self.grid, *self.exemplar.lab.shape[:2])
-        variance = total_variance(self.exemplar.lab)
-        overlaps = variance * 2 * g.patch * g.overlap  # typical cost of overlaps, for comparison
+        overlaps = variance * 2 * self.grid.patch * self.grid.overlap  # typical cost of overlaps, for comparison
         costs = (
-            self.rules.finer * variance * self._stride**2 / max(1, levels),
+            self.rules.finer * variance * self._stride**2 / max(1, self._levels),
             self.rules.guidance * overlaps / GUIDE**2,
             GROWTH * overlaps / (squares.count**2 * _OVER**2),
             0.0 if self.in_step is None else self.in_step.most(overlaps) / _LOSSES,
@@ -263,7 +262,7 @@ class Quilt:
         cells = last - first
         if not cells:
             return
-        b, g, levels = self._buffers, self.grid, len(self.exemplar.finer)
+        b, g, levels = self._buffers, self.grid, self._levels
         plan = self._renderer.plan
         run = functools.partial(self._run, team=True)
         run("target", (g.patch, cells), *plan, b["order"], first, b["exemplar"], b["target"], cells, group=8)
