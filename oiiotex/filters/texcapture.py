@@ -137,6 +137,7 @@ class Capture(InBands):
         lenses = [self._lens(photo, session) for photo in self.photos]
         reading, fitting = session.progress.stages(1, 4)
         small = reduced(self.photos, lenses, resources, reading)
+        self._warn_if_moved(small)
         lights = self._lit(known, box, small, lenses)
         maps = captured(self.photos, lenses, lights, box, self.strength, self.roughness, resources, fitting)
         for photo, share in zip(self.photos, maps.clipped, strict=True):
@@ -187,6 +188,15 @@ class Capture(InBands):
                 raise ImageError(f"is {'data' if is_data else 'color'}, unlike {first.source}", subject=photo.source)
             if len(channels_of(photo.first.spec).color) != len(channels_of(first.first.spec).color):
                 raise ImageError(f"has other channels than {first.source}", subject=photo.source)
+
+    def _warn_if_moved(self, small: ReducedPhotos) -> None:
+        """Warn if the camera moved; a lattice of one shade that is seen a period further is no evidence."""
+        from ..surfaces.capture.alignment import moved_photos
+
+        moved = moved_photos(small.luminance)
+        if len(moved) > max(1, len(self.photos) // 4):
+            names = ", ".join(self.photos[n].source for n in moved)
+            self.warn("the camera moved: %s show the surface elsewhere; fix it on a tripod", names)
 
     def _lit(self, known: np.ndarray | None, box: Window | None, small: ReducedPhotos, lenses: list[Lens]) -> Lights:
         """The lights with their intensities."""

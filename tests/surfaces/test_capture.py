@@ -129,6 +129,19 @@ def test_clipped_photos_are_left_out_and_warned_about(caplog):
     assert "is clipped: use a shorter exposure" in caplog.text
 
 
+@pytest.mark.parametrize("relief", ["hills", "stones", "courses"])
+def test_a_camera_that_moved_is_warned_about(relief, caplog):
+    side = 192
+    heights = {"hills": reliefs.hills(side, 1), "stones": reliefs.stones(side, 1), "courses": reliefs.courses(side)}
+    albedo = 0.2 + 0.6 * pictures.noise(side, side, 3)[..., None]
+    photos = [captures.photo(heights[relief], albedo, toward, noise=0.01, seed=n) for n, toward in enumerate(RING)]
+    filters.capture(*map(linear, photos), lights=RING.ravel())
+    assert "the camera moved" not in caplog.text
+    moved = [np.roll(photo, (5 * n, -4 * n), (0, 1)) for n, photo in enumerate(photos)]
+    filters.capture(*map(linear, moved), lights=RING.ravel())
+    assert "the camera moved" in caplog.text
+
+
 def test_high_dynamic_range_is_kept_and_gray_and_data_work():
     photos = shots(RING)
     plain = captured(photos, lights=RING.ravel())

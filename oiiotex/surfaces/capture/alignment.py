@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether maps of one surface lie on each other: the offset at which their edges correlate best."""
+"""Whether maps or photos of one surface lie on each other: the offset at which their edges correlate best."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ SIDE = 512  # px; longer side at which maps are compared
 LEAST = 0.1  # correlation of edges: below it, maps have too little in common to be compared
 MOST = 2.0  # px of the compared size: blurs of maps differ by that much
 _CLEAR = 1.5  # times the correlation without an offset, as of maps of which one was moved
+_DARK = 0.05  # of the mean luminance, added before logarithms
 _SLOW = 1 / 16  # of the longer side: Gaussian whose mean does not count
 
 
@@ -45,6 +46,29 @@ def offset_between(map: np.ndarray, other: np.ndarray, wraps: tuple[bool, bool])
     here = max(power[dy, dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1))
     down, right = ((n + size // 2) % size - size // 2 for n, size in zip((y, x), a.shape, strict=True))
     return Offset(float(right), float(down), float(power.max()), float(here))
+
+
+def moved_photos(luminance: np.ndarray) -> list[int]:
+    """Numbers of the photos that certainly show the surface elsewhere than the photos before them.
+
+    Edges change with the light, so each photo is compared with the one of three that is most like it: the two before
+    it, or the first.
+
+    Parameters
+    ----------
+    luminance : (n, height, width) float
+        Of one surface under n lights, reduced; NaN where it is not seen.
+    """
+    light = np.nan_to_num(luminance.astype(np.float64), nan=0.0)
+    contrast = np.log(light + _DARK * light.mean((1, 2), keepdims=True))[..., None]
+    moved = []
+    for n in range(1, len(contrast)):
+        others = {0, n - 1, max(0, n - 2)}
+        offset = max(
+            (offset_between(contrast[m], contrast[n], (False, False)) for m in others), key=lambda one: one.best
+        )
+        moved += [n] * offset.moved
+    return moved
 
 
 def _edges(values: np.ndarray, wraps: tuple[bool, bool]) -> np.ndarray:
