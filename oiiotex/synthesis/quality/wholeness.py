@@ -67,14 +67,14 @@ def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool], sh
     y, x = (at[:, None, None] + by for at, by in zip(grid, (around[:, None], around), strict=True))
     picked = _sources(source, y, x)
     own = _samples(picked, photo)
-    variance = (own * own).mean(1)
+    variance = _products(own, own)
     explained = np.where(_bent(picked, around) <= _BENT * half + 1, variance, 0.0)
     for down in (-half, 0, half):
         for right in (-half, 0, half):
             down_there, right_there = _continued(source, photo.shape, grid, (down, right), half)
             y, x = down_there[:, None, None] + around[:, None], right_there[:, None, None] + around
             other = _samples(SourceMap.of(y, x, bits=32), photo)
-            both, power = (own * other).mean(1), (other * other).mean(1)
+            both, power = _products(own, other), _products(other, other)
             gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
             explained = np.maximum(explained, gain * (2 * both - gain * power))
     least = _LEAST_SHARE * float(variance.mean()) + 1.0
@@ -119,8 +119,15 @@ def _samples(picked: SourceMap, photo: SomeRows) -> np.ndarray:
     Each is multiplied by the number of samples, so that subtracting the mean leaves integers.
     """
     values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(picked.packed), -1, 3)
-    values = values * values.shape[1] - values.sum(1, keepdims=True)
+    sums = np.einsum("psc->pc", values)
+    values *= values.shape[1]
+    values -= sums[:, None]
     return values.reshape(len(values), -1)
+
+
+def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Mean product of each patch's samples. Sums of integers: exact in any order."""
+    return np.einsum("ps,ps->p", a, b) / a.shape[1]
 
 
 def _continued(
