@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of plugins that are built once, and kept in the environment while nothing changes that they are built from."""
+"""Folders of plugins that are built once: kept in the environment until something changes that they are built from."""
 
 from __future__ import annotations
 
