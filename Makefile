@@ -26,8 +26,8 @@ test: $(VENV)/test
 	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --ignore=tests/repository
 
-budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
-	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --budget
+budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files, of all tests
+	$(BIN)/python -m pytest $(WORKERS) --budget
 
 test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device

@@ -20,7 +20,6 @@ from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
-from oiiotex.synthesis.quality import wholeness
 from tests import pictures
 from tests.any_filter import (
     COLOR,
@@ -47,13 +46,7 @@ from tests.any_filter import (
 from tests.conftest import load, oiiotex
 from tests.refusals import refused
 
-
-@pytest.fixture(autouse=True, scope="module")
-def few_places():
-    """Results are judged at some hundred places, not thousands: no promise depends on how sure the judge is."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(wholeness, "_PLACES", 100)
-        yield
+pytestmark = pytest.mark.usefixtures("few_places")
 
 
 @of(list(filters.FILTERS))
