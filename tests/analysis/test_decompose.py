@@ -170,12 +170,12 @@ def test_competition_is_the_mean_field_of_a_potts_model():
 def test_collages_of_five_textures_are_decomposed():
     """The number is not told: covering and Rand of the issue, on what the tests draw."""
     found = []
-    for seed in range(3):
+    for seed in range(2):
         case = drawn_collage(seed, 320)
         labels = to_buffer(run(Decompose(source=case.image), Session())[0].image.first).get_pixels(oiio.UINT32)[..., 0]
         found.append(score(case.truth, labels.astype(np.int64), labels.astype(np.int64)))
     assert np.mean([s.covering for s in found]) > 0.9 and np.mean([s.rand for s in found]) > 0.95
-    assert [s.count for s in found] == [5, 5, 5]
+    assert [s.count for s in found] == [5, 5]
 
 
 def test_as_many_subtextures_as_are_asked_for():
@@ -273,7 +273,7 @@ def test_shifted_matching_finds_borders_better():
     """CZF02 figure 5, by the paper's way alone: better than without shifts at either threshold."""
     found = {(0, 0.9): [], (0, 0.95): [], (8, 0.95): []}
     for (shift, threshold), scores in found.items():
-        for seed in range(3):
+        for seed in range(2):
             case = drawn_collage(seed, 256)
             labels = subtextures_of(case.image, czf02, shift=shift, threshold=threshold, **GRID).astype(np.int64)
             scores.append(score(case.truth, labels, labels).adjusted)
