@@ -28,7 +28,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"panel": 32} if op.name == "palette" else {}
     found |= {"fail": Words(("none",))} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
-    found |= {"size": Size(32, 32)} if op.name == "cut" else {}
+    found |= {"size": Size(32, 32)} if op.name == "cut" else {"size": Size(72, 64)} if op.name == "composite" else {}
     found |= {"tiled": "xy"} if op.name == "transition" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
     found |= {"lights": Numbers(LIGHTS)} if op.name == "capture" else {}

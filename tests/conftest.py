@@ -18,11 +18,17 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.engine.core.op import Op
+from oiiotex.engine.io.cache_folders import cache_folder
 from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.device import Device, Program
 from oiiotex.engine.session import Session
+from oiiotex.synthesis.quality import wholeness
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
+
+# PoCL's own folder: in ours, each line that opens a device would check the kernels of all tests, some thousand files
+KERNELS = Path(os.environ.setdefault("POCL_CACHE_DIR", str(cache_folder().parent / "pocl" / "kcache")))
+KERNELS.mkdir(parents=True, exist_ok=True)
 
 
 class NarrowDevice(Device):
@@ -78,6 +84,14 @@ def any_lanes(request: pytest.FixtureRequest, device: Device) -> Device:
     if request.param == "wide" and device.lanes == 1:
         pytest.skip("the device has no wide lanes")
     return request.getfixturevalue("device" if request.param == "wide" else "narrow_device")
+
+
+@pytest.fixture(scope="module")
+def few_places() -> Iterator[None]:
+    """Results are judged at some hundred places, not thousands: for tests that do not ask how good they are."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(wholeness, "_PLACES", 100)
+        yield
 
 
 @pytest.fixture
@@ -197,11 +211,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
             terminalreporter.write_line(line)
 
 
+@pytest.hookimpl(trylast=True)  # of the tests that -m leaves
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The files that take longest are run first: at the end no process is left alone with one of them."""
     known: Counter[str] = Counter()
-    for files in budget.read().values():
-        known.update(files)
+    for kind in {"slow" if item.get_closest_marker("slow") else "fast" for item in items}:
+        known.update(budget.read()[kind])
     items.sort(key=lambda item: (-known[item.path.stem], item.path))  # each file's own order stays
 
 

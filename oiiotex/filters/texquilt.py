@@ -96,7 +96,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The quilt and its further outputs."""
-        resources, progress = session.resources, session.progress
+        resources, (progress,) = session.resources, session.progress.stages(1)  # a second try lengthens it
         quality, sewing = plan.work
         quality = quality.during(resources, progress)
         if isinstance(sewing, QuiltPlan):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO as oiio
@@ -170,12 +171,12 @@ def test_competition_is_the_mean_field_of_a_potts_model():
 def test_collages_of_five_textures_are_decomposed():
     """The number is not told: covering and Rand of the issue, on what the tests draw."""
     found = []
-    for seed in range(3):
+    for seed in range(2):
         case = drawn_collage(seed, 320)
         labels = to_buffer(run(Decompose(source=case.image), Session())[0].image.first).get_pixels(oiio.UINT32)[..., 0]
         found.append(score(case.truth, labels.astype(np.int64), labels.astype(np.int64)))
     assert np.mean([s.covering for s in found]) > 0.9 and np.mean([s.rand for s in found]) > 0.95
-    assert [s.count for s in found] == [5, 5, 5]
+    assert [s.count for s in found] == [5, 5]
 
 
 def test_as_many_subtextures_as_are_asked_for():
@@ -259,13 +260,13 @@ def test_paper_is_czf02_by_the_letter():
     found = op._settings(512 * 512)
     assert (found.features, found.bins, found.group, found.search) == ("haar", 8, "cliques", "meanshift")
     assert found.scales > 1 and not found.refine and found.assign == "neighbors" and found.count is None
-    picture, truth = quarters(64)
-    labels = ids_of(picture, paper=True, threshold=0.9)
-    by_hand = ids_by(
-        picture, usual, features="haar", bins=8, radius=8.0, shift=8.0, scales=3, search="meanshift", group="cliques",
+    by_hand = replace(
+        usual(64 * 64), features="haar", bins=8, radius=8.0, shift=8.0, scales=3, search="meanshift", group="cliques",
         threshold=0.9, step=3, refine=False, assign="neighbors",
     )  # fmt: skip
-    np.testing.assert_array_equal(labels, by_hand)
+    assert Decompose(source=None, paper=True, threshold=0.9)._settings(64 * 64) == by_hand
+    picture, truth = quarters(64)
+    labels = ids_of(picture, paper=True, threshold=0.9)
     assert score(truth + 1, labels, labels).rand > 0.75
 
 
@@ -273,7 +274,7 @@ def test_shifted_matching_finds_borders_better():
     """CZF02 figure 5, by the paper's way alone: better than without shifts at either threshold."""
     found = {(0, 0.9): [], (0, 0.95): [], (8, 0.95): []}
     for (shift, threshold), scores in found.items():
-        for seed in range(3):
+        for seed in range(2):
             case = drawn_collage(seed, 256)
             labels = subtextures_of(case.image, czf02, shift=shift, threshold=threshold, **GRID).astype(np.int64)
             scores.append(score(case.truth, labels, labels).adjusted)

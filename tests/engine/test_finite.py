@@ -14,6 +14,8 @@ from oiiotex.engine.errors import Error
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests.any_filter import buffer, of, operands, settings
 
+pytestmark = pytest.mark.usefixtures("few_places")
+
 
 def written(path, pixels):
     buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plugin of hosts/openimageio in the wheel's own programs and in Python: levels and tiles, to the bit.
 
-It is built once for all workers, in a quarter of a minute. Whatever reads through it is a process of its own.
+It is built once, in a quarter of a minute. Whatever reads through it is a process of its own.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from oiiotex.oiiotool.service.client import connect
 from oiiotex.oiiotool.service.texture_file import read_texture_file
 from tests import pictures
 from tests.conftest import save
+from tests.hosts.builds import kept
 
 HOST = Path(__file__).parents[2] / "hosts" / "openimageio"
 BIN = Path(oiio.__file__).parent / "bin"
@@ -53,28 +54,28 @@ def without_compiler() -> str:
 
 
 @pytest.fixture(scope="session")
-def plugin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plugin() -> Path:
     """The folder where it lies."""
     missing = without_compiler()
     if missing:
         pytest.skip(f"THE PLUGIN IS NOT BUILT: {missing}")
-    base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "openimageio_plugin"
-    shared.mkdir(exist_ok=True)
+    version = metadata.version("OpenImageIO")
+    shared = kept("openimageio_plugin", HOST, version, metadata.version("oiiotex"))
     with open(shared / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (shared / "lib").exists():
+        if not (shared / "made").exists():
             spec = util.spec_from_file_location("build_plugin", HOST / "build.py")
             build = util.module_from_spec(spec)
             spec.loader.exec_module(build)
             try:
-                source = build.source_of(metadata.version("OpenImageIO"), shared)
+                source = build.source_of(version, shared)
             except subprocess.CalledProcessError as error:
                 pytest.skip(f"THE PLUGIN IS NOT BUILT: no source of OpenImageIO: {error}")
             line = [sys.executable, str(HOST / "build.py"), "--into", str(shared), "--source", str(source)]
             built = subprocess.run([*line, "--work", str(shared / "work")], capture_output=True, text=True, timeout=300)
             assert built.returncode == 0, built.stdout + built.stderr
             assert "warning" not in built.stdout + built.stderr
+            (shared / "made").touch()
     return shared / "lib" / "oiiotex"
 
 

@@ -13,6 +13,7 @@ from oiiotex.python.signatures import docstring
 from tests import pictures
 from tests.conftest import save
 
+pytestmark = pytest.mark.usefixtures("few_places")
 SECTIONS = ["Parameters", "Returns", "Other Parameters", "Raises", "Examples"]  # in numpydoc's order
 every_filter = pytest.mark.parametrize("op", filters.OURS, ids=lambda op: op.name)
 

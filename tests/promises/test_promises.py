@@ -46,6 +46,8 @@ from tests.any_filter import (
 from tests.conftest import load, oiiotex
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_places")
+
 
 @of(list(filters.FILTERS))
 def test_every_filter_is_a_function_with_its_declared_parameters(op):
@@ -357,11 +359,11 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
     images |= {"labels": from_buffer(quarters())} if op.name in LABELED else {}
-    small = settings(op, size=(24576, 60)) | images
-    part = run(op(**small), Session(budget=12 << 20))[0].image.first
-    assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
-    with refused(errors.ImageError, budget=12 << 20) as caught:
-        run(op(**{**small, "size": (65536, 40000)}), Session(budget=12 << 20))
+    small = settings(op, size=(12288, 60)) | images
+    part = run(op(**small), Session(budget=8 << 20))[0].image.first
+    assert part.read(Window(12000, 0, 12288, 32)).shape == (32, 288, 3)  # its floats alone would be 8.8 MB
+    with refused(errors.ImageError, budget=8 << 20) as caught:
+        run(op(**{**small, "size": (65536, 40000)}), Session(budget=8 << 20))
     assert "65536x40000" in str(caught.value)
 
 

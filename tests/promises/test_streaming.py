@@ -296,10 +296,11 @@ def test_windows_do_not_show(op: type[HostOp], number: int, where: str, small_pi
         part = computed(op, arguments, DATA[where], type, Session())
         assert part.window == whole.window
         for window in windows:
+            np.testing.assert_array_equal(part.read(window), pixels[window.inside(whole.window)], str(window))
+        for window in windows[:1]:
             buffer = part.buffer(window)
             assert Window.data(buffer.spec()) == window
             assert buffer.spec().channelnames == whole.spec.channelnames
-            np.testing.assert_array_equal(part.read(window), pixels[window.inside(whole.window)], str(window))
 
 
 @pytest.mark.parametrize(("op", "number"), CASES)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -54,6 +55,15 @@ def test_the_file_is_renewed_by_files(monkeypatch, tmp_path):
 def test_the_budget_names_files_that_are_there():
     files = {path.stem for path in Path(__file__).parents[1].rglob("test_*.py")}
     assert {file for kind in tomllib.loads(budget.FILE.read_text()).values() for file in kind} <= files
+
+
+def test_the_budget_names_every_file_that_has_slow_or_fast_tests():
+    """One without an entry is named as above its budget in every run, and nobody looks any more."""
+    texts = {path.stem: path.read_text() for path in Path(__file__).parents[1].rglob("test_*.py")}
+    slow = {file for file, text in texts.items() if re.search(r"^[^\"\n]*(mark\.slow|\bslow\()", text, re.M)}
+    known = {kind: set(files) for kind, files in budget.read().items()}
+    assert slow - known["slow"] == set()
+    assert set(texts) - slow - known["fast"] == set()
 
 
 # --- skips ---

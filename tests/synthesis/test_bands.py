@@ -24,17 +24,17 @@ from oiiotex.synthesis.patchmatch.optimization import Synthesis, synthesize
 from oiiotex.synthesis.patchmatch.recipe import Recipe
 from tests import pictures
 
-WIDTH, HEIGHT = 88, 92  # two levels
+WIDTH, HEIGHT = 70, 74  # two levels
 PLAIN = {"sigma": 8.0, "patch": 7, "iterations": 2, "seed": 3, "uniformity": 0.01, "contrast": 0.7, "flat": True}
-LAB = (100 * pictures.stained(pictures.bricks(80, 76, 1)) - np.array([0, 40, 40])).astype(np.float32)
+LAB = (100 * pictures.stained(pictures.bricks(66, 62, 1)) - np.array([0, 40, 40])).astype(np.float32)
 MASK = np.ones(LAB.shape[:2], bool)
 MASK[20:44, 30:56] = False
 KEPT = np.zeros((HEIGHT, WIDTH), bool)
 KEPT[:, :26], KEPT[60:] = True, True
-FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 80, np.arange(WIDTH) % 76))
+FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 66, np.arange(WIDTH) % 62))
 SIGMAS = np.geomspace(4, 9, WIDTH)[None].repeat(HEIGHT, 0).astype(np.float32)
 WEIGHT = np.random.default_rng(0).random(LAB.shape[:2]).astype(np.float32)
-REPEATED = np.tile(LAB[:20, :19], (4, 4, 1))  # patches of one distance lie in many places
+REPEATED = np.tile(LAB[:20, :19], (3, 3, 1))  # patches of one distance lie in many places
 MATERIAL = np.concatenate([LAB, LAB[::-1] * np.float32(0.7)], -1)  # two maps
 
 
@@ -108,7 +108,7 @@ def made(
 
     monkeypatch.setattr(optimization, "plan_memory", planned)
     constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})
-    exemplar, allowed = more.get("exemplar", LAB), more.get("allowed", KEPT[:80, :76] if "fixed" in more else None)
+    exemplar, allowed = more.get("exemplar", LAB), more.get("allowed", KEPT[:66, :62] if "fixed" in more else None)
     if e_rows is not None:
         exemplar = in_file(exemplar)
     return synthesize(device, exemplar, allowed, own, 1 << 30, progress, constraints=constraints, keeper=keeper)

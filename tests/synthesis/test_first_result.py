@@ -32,6 +32,7 @@ from oiiotex.synthesis.quality.judged_tries import Dismissed, Try, best_tried
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
+pytestmark = pytest.mark.usefixtures("few_places")
 QUICK = {"iterations": 4}
 TORUS = (True, True)
 SIDE = 256

@@ -68,9 +68,8 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
 @pytest.mark.parametrize("op", [*OPS, Synth])
 def test_structure_changes_nothing_where_there_is_no_lattice(op):
     image = from_buffer(buffer(pictures.stained(pictures.moss(64, 72, 4))))
-    made = [made_by(op(exemplar=image, seed=2, lattice=s))["st"].pixels() for s in (0.0, 0.5, 1.0)]
-    np.testing.assert_array_equal(made[0], made[1])
-    np.testing.assert_array_equal(made[0], made[2])
+    without, most = (made_by(op(exemplar=image, seed=2, lattice=s))["st"].pixels() for s in (0.0, 1.0))
+    np.testing.assert_array_equal(without, most)
 
 
 @pytest.mark.parametrize("op", OPS)

@@ -24,6 +24,7 @@ from tests.any_filter import buffer, pixels, quarters
 from tests.conftest import oiiotex, save
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_places")
 ROOT = Path(__file__).parents[2]
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 QUICK = {"iterations": 3, "seed": 1}

@@ -129,13 +129,15 @@ class SealedFolder:
         except (OSError, ValueError):  # what has damaged the list may have damaged the files
             complete_since = time.time_ns()
         for name, size, changed in self._files():
-            path, seal = self.folder / name, sealed.get(name)
+            seal = sealed.get(name)
+            if seal is None and changed >= complete_since:
+                continue
+            if seal is not None and same_boot and seal[:2] == (size, changed):
+                self._seals[name] = seal
+                continue
+            path = self.folder / name
             with contextlib.suppress(OSError):  # another process has removed it
-                if seal is None and changed >= complete_since:
-                    continue
-                if seal is not None and same_boot and seal[:2] == (size, changed):
-                    self._seals[name] = seal
-                elif seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
+                if seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
                     self._seals[name] = (size, changed, seal[2])
                 else:
                     path.unlink()
@@ -155,11 +157,14 @@ class SealedFolder:
                 self._seals = seals
 
     def _files(self) -> Iterable[tuple[str, int, int]]:
-        """Name, size and time of change of each file. Links are not followed."""
-        folders = [""]
+        """Name, size and time of change of each file. Links are not followed.
+
+        Each process that opens a device looks at every file, thousands in old caches: no `Path` is made for each.
+        """
+        root, folders = str(self.folder), [""]
         while folders:
             below = folders.pop()
-            with contextlib.suppress(OSError), os.scandir(self.folder / below) as entries:
+            with contextlib.suppress(OSError), os.scandir(f"{root}/{below}") as entries:
                 for entry in entries:
                     name = f"{below}{entry.name}"
                     if entry.is_dir(follow_symlinks=False):

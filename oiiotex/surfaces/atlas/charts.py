@@ -60,6 +60,7 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
     """
     from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import spsolve
+    from threadpoolctl import threadpool_limits
 
     first = opposite[:, 0] / np.linalg.norm(opposite[:, 0], axis=-1, keepdims=True)
     second = np.cross(normal, first)
@@ -80,7 +81,8 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
     pull = area / (_SMOOTH**2 * area.sum())
     links = coo_matrix((-weight * turn, (face, other)), shape=(count, count))
     degree = np.bincount(face, weight, count) + pull
-    field = np.atleast_1d(spsolve((links + diags(degree)).tocsc(), pull * given))
+    with threadpool_limits(1, "blas"):  # of small fronts, where threads wait for each other
+        field = np.atleast_1d(spsolve((links + diags(degree)).tocsc(), pull * given))
     field = np.where(np.abs(field) > 1e-9, field / np.maximum(np.abs(field), 1e-300), given)
     return field.real[:, None] * first + field.imag[:, None] * second
 

@@ -54,6 +54,7 @@ class PhotoLevel:
     def of(cls, lab: np.ndarray, usable: np.ndarray) -> PhotoLevel | None:
         """None if no neighborhood is complete."""
         from scipy.ndimage import binary_erosion, distance_transform_edt
+        from threadpoolctl import threadpool_limits
 
         whole = binary_erosion(usable, np.ones((2 * REACH + 1,) * 2, bool), border_value=0)
         if not whole.any():
@@ -71,7 +72,8 @@ class PhotoLevel:
 
         sampled = seen(places[:: -(-len(places) // 16384)])
         centered = sampled - np.rint(sampled.mean(0))
-        _, vectors = np.linalg.eigh(centered.T @ centered)
+        with threadpool_limits(1, "blas"):  # the basis must not depend on the number of threads
+            _, vectors = np.linalg.eigh(centered.T @ centered)
         basis = np.rint(vectors[:, ::-1][:, :_DIMENSIONS] * (1 << _BASIS_BITS))
         looks = np.zeros((height * width, basis.shape[1]), np.int32)
         for start in range(0, len(places), _AT_ONCE):

@@ -11,6 +11,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
 _PLACES = 1500  # patches that are looked at, on a grid
+_AT_ONCE = 256  # of them: their samples fit the cache of a core
 _ACROSS = 9  # samples along a patch
 _OBJECT, _EDGE = 12, 48  # the longer side over that of a patch: as large as an object, and as the edge of one
 _LEAST_STEP = 0.5  # px between samples
@@ -58,27 +59,40 @@ def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool], sh
     float or None
         0 to 1. None: the result or the photo is smaller than three patches.
     """
-    step = max(_LEAST_STEP, max(photo.shape[:2]) / (share * (_ACROSS - 1)))
-    around = np.rint(step * (np.arange(_ACROSS) - _ACROSS // 2)).astype(np.int64)
+    apart = max(_LEAST_STEP, max(photo.shape[:2]) / (share * (_ACROSS - 1)))
+    around = np.rint(apart * (np.arange(_ACROSS) - _ACROSS // 2)).astype(np.int64)
     half = int(around[-1])
     if min(*photo.shape[:2], *source.packed.shape) < 6 * half:
         return None
-    grid = _centers(cast("tuple[int, int]", source.packed.shape), half, wraps)
+    centers = _centers(cast("tuple[int, int]", source.packed.shape), half, wraps)
+    in_memory = isinstance(photo, np.ndarray) and isinstance(source.packed, np.ndarray)
+    step = _AT_ONCE if in_memory else len(centers[0])  # rows of files are read once
+    blocks = (tuple(at[n : n + step] for at in centers) for n in range(0, len(centers[0]), step))
+    pieces = [_explained(photo, source, places, around) for places in blocks]
+    variance, explained = (np.concatenate(one) for one in zip(*pieces, strict=True))
+    least = _LEAST_SHARE * float(variance.mean()) + 1.0
+    return float(((variance - explained) / np.maximum(variance, least)).mean())
+
+
+def _explained(
+    photo: SomeRows, source: SourceMap, grid: tuple[np.ndarray, ...], around: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the patches around some places, and how much of it the photo explains."""
+    half = int(around[-1])
     y, x = (at[:, None, None] + by for at, by in zip(grid, (around[:, None], around), strict=True))
     picked = _sources(source, y, x)
     own = _samples(picked, photo)
-    variance = (own * own).mean(1)
+    variance = _products(own, own)
     explained = np.where(_bent(picked, around) <= _BENT * half + 1, variance, 0.0)
     for down in (-half, 0, half):
         for right in (-half, 0, half):
             down_there, right_there = _continued(source, photo.shape, grid, (down, right), half)
             y, x = down_there[:, None, None] + around[:, None], right_there[:, None, None] + around
             other = _samples(SourceMap.of(y, x, bits=32), photo)
-            both, power = (own * other).mean(1), (other * other).mean(1)
+            both, power = _products(own, other), _products(other, other)
             gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
             explained = np.maximum(explained, gain * (2 * both - gain * power))
-    least = _LEAST_SHARE * float(variance.mean()) + 1.0
-    return float(((variance - explained) / np.maximum(variance, least)).mean())
+    return variance, explained
 
 
 def turning(light: np.ndarray) -> float:
@@ -119,14 +133,21 @@ def _samples(picked: SourceMap, photo: SomeRows) -> np.ndarray:
     Each is multiplied by the number of samples, so that subtracting the mean leaves integers.
     """
     values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(picked.packed), -1, 3)
-    values = values * values.shape[1] - values.sum(1, keepdims=True)
+    sums = np.einsum("psc->pc", values)
+    values *= values.shape[1]
+    values -= sums[:, None]
     return values.reshape(len(values), -1)
+
+
+def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Mean product of each patch's samples. Sums of integers: exact in any order."""
+    return np.einsum("ps,ps->p", a, b) / a.shape[1]
 
 
 def _continued(
     source: SourceMap,
     shape: tuple[int, ...],
-    centers: tuple[np.ndarray, np.ndarray],
+    centers: tuple[np.ndarray, ...],
     offset: tuple[int, int],
     half: int,
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bundle, built once for all tests of a run."""
+"""The bundle, built once for all tests."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from tests.hosts.builds import kept
 
 SOURCE = Path(__file__).parents[3] / "hosts" / "openfx"
 
@@ -26,15 +28,15 @@ def without_compiler() -> str:
     return "" if sys.platform == "linux" else "the plugin is for Linux"
 
 
-def built(folder: Path, sanitize: str = "", compiler: str = "") -> Path:
-    """The plugin's file in `folder`, which several processes may build at once; skips if there is no compiler.
+def built(name: str, sanitize: str = "", compiler: str = "") -> Path:
+    """The plugin's file, in a kept folder of this name; skips if there is no compiler.
 
     `compiler`: a line that compiles C++; default: that of the machine.
     """
     missing = without_compiler()
     if missing:
         pytest.skip(f"THE OPENFX PLUGIN IS NOT BUILT: {missing}")
-    folder.mkdir(exist_ok=True)
+    folder = kept(name, SOURCE, sanitize, compiler)
     with open(folder / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "made").exists():
@@ -47,11 +49,6 @@ def built(folder: Path, sanitize: str = "", compiler: str = "") -> Path:
                 said += done.stdout + done.stderr
                 assert done.returncode == 0, said
             assert "warning" not in said, said
+            shutil.rmtree(folder / "work")
             (folder / "made").touch()
     return folder / "lib/OFX/Plugins/oiiotex.ofx.bundle/Contents/Linux-x86-64/oiiotex.ofx"
-
-
-def shared(tmp_path_factory: pytest.TempPathFactory, name: str) -> Path:
-    """A folder for all processes of a test run."""
-    base = tmp_path_factory.getbasetemp()
-    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name

@@ -17,16 +17,16 @@ from oiiotex.engine.session import Session
 from oiiotex.oiiotool.service.client import connect
 from oiiotex.oiiotool.service.settings import ResidentSettings
 from tests import pictures
-from tests.hosts.openfx.build import built, shared
+from tests.hosts.openfx.build import built
 from tests.hosts.openfx.host import OK, Host, Image, Node
 
 SPACE = "lin_rec709_scene"
 
 
 @pytest.fixture(scope="session")
-def plugin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plugin() -> Path:
     """The plugin's file."""
-    return built(shared(tmp_path_factory, "openfx_plugin"))
+    return built("openfx_plugin")
 
 
 @pytest.fixture(scope="package")
