@@ -18,10 +18,10 @@ _COMPARED = 600  # about how many patches each one is compared with
 _COMMON = 0.05  # share of the photo that must look alike for it not to be rare
 _USUAL, _VARIED = 0.9, 2.0  # if a tenth of the photo is farther than twice the median, it has several materials
 _PEAK = 1.85  # of that quantile: the least distance of the rarest region
-_LIKEWISE = 0.75  # of that region's: others of its kind
+_LIKEWISE = 0.7  # of that region's: others of its kind
 _END = 1.5  # of the median: where a region ends
 _LONG, _THIN = 0.5, 4  # of the longer side, and times as long as wide: more are joints and cracks, which are structure
-_MOST, _LARGEST = 6, 0.25  # more regions, or a larger share of the photo, are the texture itself
+_MOST, _LARGEST = 7, 0.25  # more regions, or a larger share of the photo, are the texture itself
 _AT_ONCE = 512  # patches
 
 
@@ -83,4 +83,5 @@ def _compact(distances: np.ndarray, seen: np.ndarray) -> np.ndarray:
     high, wide = distances.shape
     padded = np.pad(np.isin(places, rare), 1)
     regions = np.logical_or.reduce([padded[y : y + high, x : x + wide] for y in range(3) for x in range(3)])
-    return regions & (len(rare) <= _MOST and regions.mean() <= _LARGEST)
+    count = len(np.unique(connected(regions)[regions]))
+    return regions & (count <= _MOST and regions.mean() <= _LARGEST)
