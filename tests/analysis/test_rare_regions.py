@@ -80,3 +80,12 @@ def test_a_tile_does_not_repeat_it_unless_a_mask_allows_it(caplog):
     assert "of the photo stands out and is not copied" in caplog.text
     assert shown(picture, mask=buffer(np.ones((SIDE, SIDE, 1)), names=("Y",), space="data")) > 0
     assert shown(picture, flattening=0.5) > 0
+
+
+def test_the_border_of_a_hole_does_not_stand_out():
+    """Reduced pixels there are means of a few opaque ones, and patches across it have a made-up color."""
+    moss = pictures.moss(SIDE, SIDE, 3)
+    given = np.concatenate([moss, np.ones((SIDE, SIDE, 1))], -1)
+    given[80:112, 80:121] = 0
+    assert not found_in(given).any()
+    assert not found_in(given * (np.mgrid[:SIDE, :SIDE][0] < 20)[..., None]).any()  # nearly nothing is left

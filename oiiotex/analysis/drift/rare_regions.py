@@ -11,7 +11,7 @@ from ...engine.session.resources import Resources
 from .compact_regions import NOISE, connected
 
 _SIDE = 128  # px; about the longer side at which the photo is searched
-_LEAST = 96  # px; a smaller shorter side has too few patches to tell what is rare
+_LEAST = 128  # px; a smaller shorter side does not tell what is rare
 _STEP = 2  # px between patches, and between the samples of a patch, three a side
 _STEPS = 8.0  # of Lab values per unit: sums of integers are exact in any order
 _COMPARED = 600  # about how many patches each one is compared with
@@ -35,24 +35,31 @@ def rare_regions(photo: Image, lens: Lens, resources: Resources) -> np.ndarray |
     if min(height, width) < _LEAST:
         return None
     reduced = lab_pixels(photo, lens, resources, max(1, round(max(height, width) / _SIDE)))
-    seen = reduced.seen[::_STEP, ::_STEP]
-    found = _compact(_distances(np.rint(reduced.lab * _STEPS).astype(np.float64), seen), seen)
+    patches = _patches(np.rint(reduced.lab * _STEPS).astype(np.float64))
+    seen = _patches(reduced.seen[..., None]).all(-1)
+    if np.count_nonzero(seen) < _COMPARED:
+        return None
+    found = _compact(_distances(patches, seen), seen)
     if not found.any():
         return None
     rows, columns = (np.arange(n) // (_STEP * reduced.factor) for n in (height, width))
     return found[rows][:, columns]
 
 
-def _distances(lab: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _patches(values: np.ndarray) -> np.ndarray:
+    """The samples of the patch around every second pixel of (height, width, channels), (down, across, samples)."""
+    height, width = values.shape[:2]
+    wide = np.pad(values, ((_STEP, _STEP), (_STEP, _STEP), (0, 0)), mode="reflect")
+    shifts = range(0, 2 * _STEP + 1, _STEP)
+    return np.concatenate([wide[y : y + height : _STEP, x : x + width : _STEP] for y in shifts for x in shifts], -1)
+
+
+def _distances(samples: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Distance of each patch to the nearest `_COMMON` of the `seen` ones, (down, across); at least that of noise.
 
-    `lab` (height, width, 3) float64, integers.
+    `samples` (down, across, n) float64, integers.
     """
-    height, width = lab.shape[:2]
-    wide = np.pad(lab, ((_STEP, _STEP), (_STEP, _STEP), (0, 0)), mode="reflect")
-    shifts = range(0, 2 * _STEP + 1, _STEP)
-    shifted = [wide[y : y + height : _STEP, x : x + width : _STEP] for y in shifts for x in shifts]
-    patches = np.concatenate(shifted, -1)[seen]
+    patches = samples[seen]
     others = patches[:: max(1, len(patches) // _COMPARED)]
     nearest, squares = int(_COMMON * len(others)), (others * others).sum(1)
     noise = NOISE * _STEPS * patches.shape[1] ** 0.5
