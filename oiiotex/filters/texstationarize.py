@@ -47,9 +47,11 @@ _DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthe
 class Stationarize(PatchSynthesis):
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
-    Gradients of light and stains repeat visibly when a photo is tiled, so `flattening` removes them first. The photo is
-    then resynthesized from its own patches while local statistics (by default histograms) are kept uniform above a
-    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
+    Gradients of light and stains repeat visibly when a photo is tiled, so `flattening` removes them first. A knot, a
+    chip of paint or a leaf that looks like nothing else in the photo is not copied, unless a mask or label says what to
+    copy. The photo is then resynthesized from its own patches while local statistics (by default histograms) are kept
+    uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics
+    2017).
 
     Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
     was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is also added to each

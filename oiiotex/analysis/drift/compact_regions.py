@@ -68,7 +68,7 @@ def _compact(wide: np.ndarray, peak: np.ndarray, inside: np.ndarray, most: int, 
     nothing = np.zeros(inside.shape, bool)
     if inside.size > _MOST_CELLS or not peak.any():
         return nothing
-    places = _connected(wide)
+    places = connected(wide)
     found = np.unique(places[peak])
     regions = np.isin(places, found)
     if len(found) > most or np.count_nonzero(regions) > share * np.count_nonzero(inside):
@@ -76,7 +76,7 @@ def _compact(wide: np.ndarray, peak: np.ndarray, inside: np.ndarray, most: int, 
     return regions
 
 
-def _connected(marked: np.ndarray) -> np.ndarray:
+def connected(marked: np.ndarray) -> np.ndarray:
     """Labels of connected components, 0 elsewhere, on a few thousand cells. scipy.ndimage is slow to import."""
     places = np.where(marked, np.arange(1, marked.size + 1).reshape(marked.shape), 0)
     while True:

@@ -1,20 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The photo of a synthesis without its low-frequency variation, and without the stains that are not copied."""
+"""The photo of a synthesis without its low-frequency variation, and what of it is not copied."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from ...analysis.drift.flattening import Flattening
-from ...engine.color.lab import color_to_convert
-from ...engine.core.image import Image
+from ...analysis.drift.rare_regions import rare_regions
+from ...engine.color.lab import color_to_convert, lens_of
+from ...engine.core.image import Image, Part
 from ...engine.core.op import Op
 from ...engine.core.parameters import param
 from ...engine.deferred import np
+from ...engine.errors import spelled, texture_filter
 from ...engine.io.disk_cache import hash_of
 from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
+
+
+def flat_photo(
+    op: Op, photo: Image, strength: float, resources: Resources, progress: Progress, allowed: np.ndarray | None
+) -> tuple[Image, Part, np.ndarray | None]:
+    """The flattened photo, the correction, and what is not copied, (height, width) bool; None: everything is.
+
+    Stains are not copied, as they cannot be corrected. Nor is what looks like nothing else, as it would be seen in
+    every tile, unless a mask or label says what to copy (`allowed`).
+    """
+    part = photo.first
+
+    def make() -> tuple[Part, Part, np.ndarray | None]:
+        how = Flattening(amount=strength)
+        flat, drift, stained = how.of(op.flag(), photo, op.working_space, resources, progress, allowed)
+        lens = lens_of(photo, resources, op.working_space)
+        if strength < 1:
+            return flat, drift, None
+        is_searched = allowed is None and lens.space is not None
+        rare = rare_regions(Image((flat,), photo.source), lens, resources) if is_searched else None
+        found = [regions for regions in (stained, rare) if regions is not None]
+        return flat, drift, np.logical_or.reduce(found) if found else None
+
+    hashed = None if allowed is None else hash_of(allowed)
+    flat, drift, excluded = resources.remembered(("flattened", id(part), strength, hashed), make, part)
+    if excluded is not None:
+        keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
+        op.inform("%.0f %% of the photo stands out and is not copied; %s", 100 * excluded.mean(), keep)
+    return Image((flat, *photo.parts[1:]), photo.source), drift, excluded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +65,7 @@ class Flattened(Op):
     def flattened(
         self, photo: Image, alone: bool, resources: Resources, allowed: np.ndarray | None = None
     ) -> tuple[Image, np.ndarray | None]:
-        """The photo to copy from, and its stains, (height, width) bool; None: there are none.
+        """The photo to copy from, and what of it is not copied, (height, width) bool; None: everything is.
 
         Parameters
         ----------
@@ -47,18 +78,9 @@ class Flattened(Op):
         strength = self._strength(photo, alone, resources)
         if strength == 0:
             return photo, None
-        part, hashed = photo.first, None if allowed is None else hash_of(allowed)
         with resources.stats.time("flatten"):
-            flat, _, stained = resources.remembered(
-                ("flattened", id(part), strength, hashed),
-                lambda: Flattening(amount=strength).of(
-                    self.flag(), photo, self.working_space, resources, Progress(), allowed
-                ),
-                part,
-            )
-        if stained is not None and strength == 1:
-            self.inform("a stain covers %.0f %% of the photo and is not copied", 100 * stained.mean())
-        return Image((flat, *photo.parts[1:]), photo.source), stained if strength == 1 else None
+            flat, _, excluded = flat_photo(self, photo, strength, resources, Progress(), allowed)
+        return flat, excluded
 
     def _strength(self, photo: Image, alone: bool, facts: Facts) -> float:
         if self.flattening is not None:

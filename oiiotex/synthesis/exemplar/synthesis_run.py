@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.drift.flattening import Flattening, correction_part
+from ...analysis.drift.flattening import correction_part
 from ...analysis.regularity.courses import Courses, InCourses
 from ...analysis.regularity.lattice import Lattice
 from ...analysis.regularity.offset_prices import InStep
@@ -17,11 +17,10 @@ from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
 from ...engine.core.demand import MadeRows, SomeRows, first_channels, materialized, resized, rows_of
-from ...engine.core.image import Image, Part, from_pixels
+from ...engine.core.image import Part, from_pixels
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from ...engine.errors import present, spelled, texture_filter, whole_budget
-from ...engine.io.disk_cache import hash_of
+from ...engine.errors import present, whole_budget
 from ..layout.kept_layout import kept_layout
 from ..layout.limits import fits_layout
 from ..layout.mending import mended
@@ -36,7 +35,7 @@ from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
-from .exemplar_masks import mask_of
+from .exemplar_masks import both, mask_of
 from .first_result import (
     PLAINER,
     SET_OF_TILES,
@@ -48,6 +47,7 @@ from .first_result import (
     say_fidelity,
     textured,
 )
+from .flattened import flat_photo
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
@@ -127,23 +127,13 @@ def _synthesized(
 
 
 def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
-    """The op on the flattened photo without its stains, and the correction."""
+    """The op on the flattened photo without what is not copied, and the correction."""
     op, part, strength = plan.op, plan.op.exemplar.first, plan.flattening
     if not strength:
         return op, {} if strength is None else {"drift": correction_part(None, part)}
     allowed = op._allowed()
-    flattening = Flattening(amount=strength)
-    flat, drift, stained = resources.remembered(
-        ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
-        lambda: flattening.of(op.flag(), op.exemplar, op.working_space, resources, progress, allowed),
-        part,
-    )
-    mask = op.mask
-    if stained is not None and strength == 1:
-        mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
-        keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
-        op.inform("a stain covers %.0f %% of the photo and is not copied; %s", 100 * stained.mean(), keep)
-    exemplar = Image((flat, *op.exemplar.parts[1:]), op.exemplar.source)
+    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed)
+    mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
     changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
     return replace(op, **changed), {"drift": drift}
 
