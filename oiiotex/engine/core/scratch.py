@@ -134,12 +134,13 @@ class TileStore:
 
     def __getitem__(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
         y, x = np.broadcast_arrays(*at)
-        out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
+        shape, y, x = y.shape, y.ravel(), x.ravel()
+        out = np.empty((y.size, *self.shape[2:]), self.dtype)
         number = self._number(y, x)
-        for n in np.unique(number).tolist():
-            here = number == n
-            out[here] = self._tile(n)[y[here] % self._side, x[here] % self._side]
-        return out
+        order = np.argsort(number, kind="stable")
+        for here in filter(len, np.split(order, np.flatnonzero(np.diff(number[order])) + 1)):
+            out[here] = self._tile(int(number[here[0]]))[y[here] % self._side, x[here] % self._side]
+        return out.reshape(*shape, *self.shape[2:])
 
     def _number(self, y: Any, x: Any) -> Any:
         return y // self._side * self._across + x // self._side
