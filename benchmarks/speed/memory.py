@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -27,6 +26,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder
+from oiiotex.engine.errors import one_line
 
 PROGRAM = (sys.executable, "-m", "oiiotex", "--iscolorspace", "sRGB")
 HEAD = "| line | megapixels | CPU s | peak MB | own MB | outcome |\n|---|---|---|---|---|---|"
@@ -98,7 +98,7 @@ def watched(words: list[str], folder: Path, limit: float) -> Peak:
                 ended = True
             time.sleep(0.05)
         messages.seek(0)
-        said = messages.read().strip().splitlines()
+        said = [one_line(line) for line in messages.read().splitlines() if "ERROR" in line]
     code = os.waitstatus_to_exitcode(status)
     outcome = "ended at the limit" if ended else "done" if code == 0 else said[-1] if said else f"exit code {code}"
     return Peak(usage.ru_utime + usage.ru_stime, usage.ru_maxrss >> 10, own, outcome)
@@ -155,9 +155,8 @@ def write_images(folder: Path, side: int) -> None:
 
     def swirled(y: np.ndarray) -> np.ndarray:
         """Source coordinates, 0 to 1: every row reads from rows far apart."""
-        return np.stack(
-            [(x[None] + 0.5 + 300 * waves[y][:, None]) / side % 1, (y[:, None] + 0.5 + 300 * waves[None]) / side % 1], -1
-        ).astype(np.float32)
+        s, t = x[None] + 0.5 + 300 * waves[y][:, None], y[:, None] + 0.5 + 300 * waves[None]
+        return (np.stack([s, t], -1) / side % 1).astype(np.float32)
 
     for name, shift in (("photo.tif", 0), ("other.tif", 2), ("third.tif", 5)):
         in_bands(folder / name, side, "uint8", 3, lambda y, shift=shift: lit(y, shift))

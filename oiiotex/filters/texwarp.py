@@ -54,7 +54,7 @@ class Warp(Gather):
         return Plan(work=st)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
-        """The rearranged first part. The map is read in bands, once to check it; the image lies in a file if it is large."""
+        """The rearranged first part. The map is read in bands, once to check it; a large image lies in a file."""
         part, st = self.source.first, plan.work
 
         def read(window: Window) -> SourceMap:

@@ -166,6 +166,7 @@ def label_maps(
         )  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
+    resources.cache.forget()  # everything has been read
     _require(resources, finest.window, finest.count, settings)
     small = small_lab(finest)
     # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
@@ -176,6 +177,7 @@ def label_maps(
         ):
             described = features_of(features, finest, small, resources)
         describing.advance(1, 1)
+        resources.cache.forget()
 
         def top() -> list[np.ndarray]:
             return [level(finest, small, resources) for level in coarsest]

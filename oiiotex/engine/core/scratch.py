@@ -10,7 +10,7 @@ from io import BufferedRandom
 from typing import TYPE_CHECKING, Any
 
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, reason_of
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
@@ -169,7 +169,7 @@ def _scratch_file(size: int) -> BufferedRandom:
     try:
         file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
     except OSError as error:
-        raise ImageError(f"cannot create a file for intermediate results: {error}; set TMPDIR") from error
+        raise ImageError(f"cannot create a file for intermediate results: {reason_of(error)}; set TMPDIR") from error
     try:
         if size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -181,4 +181,4 @@ def _scratch_file(size: int) -> BufferedRandom:
 def _no_room(error: OSError) -> ImageError:
     import tempfile
 
-    return ImageError(f"no space for intermediate results in {tempfile.gettempdir()}: {error}; set TMPDIR")
+    return ImageError(f"no space for intermediate results in {tempfile.gettempdir()}: {reason_of(error)}; set TMPDIR")
