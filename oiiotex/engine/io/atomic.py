@@ -77,7 +77,7 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
         try:
             yield temporary
         except ImageError as error:  # OpenImageIO's writers do not say why
-            if (reason := _fullness(temporary)) and reason not in error.problem:
+            if reason := _fullness(temporary):
                 raise ImageError(f"{error} ({reason})") from error
             raise
         except OSError as error:  # a write has no file name

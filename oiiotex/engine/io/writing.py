@@ -149,8 +149,8 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
-    """The writer's error, with the final file name."""
-    return _of_target(error_text(out.geterror), temporary, path)
+    """The writer's error, with the final file name, and without a reason that `temporary_beside` adds."""
+    return _of_target(error_text(out.geterror), temporary, path).removesuffix(f" ({os.strerror(errno.ENOSPC)})")
 
 
 def _of_target(text: str, temporary: Path, path: Path) -> str:
