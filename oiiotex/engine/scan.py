@@ -81,7 +81,6 @@ def scan(
                 keep(piece, finding)
             if advance is not None:
                 advance(piece.bottom - whole.top, whole.height)
-    if whole.width * whole.height * part.pixel_bytes > resources.cache.limit:
-        resources.cache.forget()  # only its last rows, while the next scan begins with the first
+    resources.forget_scanned(part)
     if broken.any():
         raise BrokenValues(lens.name, broken)
