@@ -116,6 +116,7 @@ def run(words):
     try:
         done = subprocess.run(words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     except OSError as error:
-        raise RuntimeError(f"{words[0]} cannot be started ({error}); set OIIOTEX to the path of oiiotex") from error
+        text = f"{words[0]} cannot be started ({error.strerror}); set OIIOTEX to the path of oiiotex"
+        raise RuntimeError(text) from error
     if done.returncode:
         raise RuntimeError((done.stderr.strip().splitlines() or [f"{words[0]}: exit code {done.returncode}"])[-1])

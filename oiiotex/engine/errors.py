@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,6 +19,14 @@ T = TypeVar("T")
 def one_line(text: str) -> str:
     """A text in one line, with control characters escaped: names come from untrusted files."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+
+
+def reason_of(error: BaseException) -> str:
+    """The text of another library's or the system's error in one line; the system's without its number and quotes."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return one_line(str(error))
+    named = isinstance(error.filename, str | bytes) and bool(error.filename)
+    return one_line(f"{os.fsdecode(error.filename)}: {error.strerror}" if named else error.strerror)
 
 
 def present(value: T | None) -> T:
@@ -148,6 +157,14 @@ def shown(value: object, words: int) -> str:
         plain = tuple(value) if isinstance(value, tuple) else str(value) if isinstance(value, str) else value  # no enum
         return one_line(repr(plain))
     return one_line(str(int(value) if isinstance(value, bool) else value))
+
+
+def failure_of(error: Exception) -> Error:
+    """Any exception as one of ours: the system's as its reason, all others as internal errors."""
+    if isinstance(error, Error):
+        return error
+    kind = "" if isinstance(error, OSError) else f"internal error: {type(error).__name__}: "
+    return Error(f"{kind}{reason_of(error)}")
 
 
 class ParameterError(Error):

@@ -86,6 +86,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         # first, so that its errors precede reading the photo for its hash
         results = op.make(op.plan(session.resources), session)
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
+        session.resources.forget_scanned(*op.scanned())
         made = _Runner(op, session, files, provenance).results(results, sources)
     written.update(os.path.realpath(path) for path in files.values())
     return made

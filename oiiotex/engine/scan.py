@@ -81,5 +81,6 @@ def scan(
                 keep(piece, finding)
             if advance is not None:
                 advance(piece.bottom - whole.top, whole.height)
+    resources.forget_scanned(part)
     if broken.any():
         raise BrokenValues(lens.name, broken)

@@ -54,7 +54,7 @@ class Warp(Gather):
         return Plan(work=st)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
-        """The rearranged first part. The map is read in bands, once to check it; the image is held in memory."""
+        """The rearranged first part. The map is read in bands, once to check it; a large image lies in a file."""
         part, st = self.source.first, plan.work
 
         def read(window: Window) -> SourceMap:
@@ -63,7 +63,7 @@ class Warp(Gather):
 
         spec = derived_spec(part.spec, st.spec.width, st.spec.height)
         with session.resources.stats.time("read"):
-            warped = Sources(read, spec, session.resources.spread).copied(part, spec)
+            warped = Sources(read, spec, session.resources).copied(part, spec)
             for window in bands(warped):  # reports errors of the map before the result is written
                 read(window)
         return {"warped": warped}

@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
 from ..engine.core.op import Op
-from ..engine.errors import one_line
+from ..engine.errors import reason_of
 
 log = logging.getLogger("oiiotex")
 
@@ -28,7 +28,7 @@ def installed(what: str, checked: Callable[[EntryPoint], Declared], name: str = 
         try:
             declared.append(checked(entry))
         except Exception as error:  # foreign code may raise anything; the program must start anyway
-            log.warning("%s %s of %s is ignored: %s", what, entry.name, entry.value, one_line(str(error)))
+            log.warning("%s %s of %s is ignored: %s", what, entry.name, entry.value, reason_of(error))
     return tuple(declared)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import pickle
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,10 @@ from oiiotex.engine.errors import (
     Error,
     MemoryBudgetError,
     ParameterError,
+    failure_of,
     modifier,
     of_facts,
+    reason_of,
     spelled,
     texture_filter,
 )
@@ -215,3 +218,42 @@ def test_a_refusal_of_other_fields_is_another(fields):
         raise ParameterError(parameter="size", value=3, expected="an even one", hint=modifier(paper=True))
     with refused(ParameterError, parameter="size", value=3, expected="an even one", hint="paper=1"):
         raise ParameterError(parameter="size", value=3, expected="an even one", hint=modifier(paper=True))
+
+
+SYSTEM = "[Errno 30] Read-only file system: 'a.png'"
+
+
+def test_an_error_of_the_system_is_told_by_file_and_reason():
+    assert str(OSError(30, "Read-only file system", "a.png")) == SYSTEM
+    assert reason_of(OSError(30, "Read-only file system", "a.png")) == "a.png: Read-only file system"
+    assert reason_of(OSError(28, "No space left on device")) == "No space left on device"
+    assert reason_of(OSError(9, "Bad file descriptor", 5)) == "Bad file descriptor"
+    assert reason_of(ValueError("two\nlines")) == "two lines"
+    assert str(failure_of(KeyError("x"))) == "internal error: KeyError: 'x'"
+
+
+def raw_texts(handler: ast.ExceptHandler) -> Iterator[int]:
+    """Lines of a handler that tell an error by its `str`."""
+    for node in ast.walk(handler):
+        texts = (
+            [node.value] if isinstance(node, ast.FormattedValue) else node.args if isinstance(node, ast.Call) else []
+        )
+        plain = isinstance(node, ast.FormattedValue) or ast.unparse(getattr(node, "func", node)) in (
+            "str",
+            "log.warning",
+        )
+        if plain and any(isinstance(text, ast.Name) and text.id == handler.name for text in texts):
+            yield node.lineno
+
+
+@pytest.mark.parametrize("folder", ["oiiotex", "studio/oiiotex_studio"])
+def test_no_message_has_the_number_of_an_error_of_the_system(folder):
+    """The `str` of an OSError is no text for users; `reason_of` is."""
+    raw = []
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for handler in ast.walk(ast.parse(path.read_text())):
+            if isinstance(handler, ast.ExceptHandler) and handler.name and handler.type is not None:
+                kinds = {node.id for node in ast.walk(handler.type) if isinstance(node, ast.Name)}
+                if kinds & {"OSError", "Exception", "BaseException"}:
+                    raw += [f"{path}:{line}" for line in raw_texts(handler)]
+    assert raw == []

@@ -3,15 +3,22 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
 from oiiotex.engine import errors
+from oiiotex.engine.core.demand import bands
+from oiiotex.engine.core.image import Image, Part
 from oiiotex.engine.core.source_map import SourceMap, require_addressable
 from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
+from oiiotex.filters import op_named
 from tests.any_filter import buffer
+from tests.parts import coordinates
 
 
 def spec_of(width: int, height: int, data: tuple[int, int] = (0, 0), display: Window | None = None) -> oiio.ImageSpec:
@@ -78,3 +85,25 @@ def test_a_wide_image_is_warped():
     st = SourceMap.of(np.array([[1, 0]]), np.array([[69999, 3]]), 32).coordinates(spec_of(70000, 2))
     warped = filters.warp(buffer(wide), buffer(st, names=("R", "G")))
     np.testing.assert_array_equal(warped.get_pixels(oiio.FLOAT)[0, :, 0], [1, 0])
+
+
+def test_a_warped_image_may_exceed_the_budget():
+    """200 MB of coordinates, warped by a map that turns them upside down."""
+    side = 5000
+    photo = coordinates(side, side)
+    upside_down = spec_of(side, side)
+    upside_down.nchannels = 2
+
+    def turned(window: Window) -> np.ndarray:
+        y, x = np.mgrid[window.top : window.bottom, window.left : window.right]
+        return (np.stack([x + 0.5, side - y - 0.5], -1) / side).astype(np.float32)
+
+    session = Session(budget=64 << 20)
+    warp = op_named("warp")(source=Image((photo,)), stmap=Image((Part("st", upside_down, turned),)))
+    tracemalloc.start()
+    (warped,) = warp.make(warp.plan(session.resources), session).values()
+    for window in bands(warped):
+        y, x = np.mgrid[window.top : window.bottom, window.left : window.right]
+        assert np.array_equal(warped.read(window), np.stack([x, side - 1 - y], -1))
+    assert tracemalloc.get_traced_memory()[1] < 150 << 20
+    tracemalloc.stop()

@@ -30,6 +30,8 @@ OUTPUTS = {
     "jpeg": ["--quality", "100", "-o", "out.jpg"],
     "webp": ["--quality", "100", "-o", "out.webp"],
     "texture": ["-otex", "out.tx"],
+    "sgi": ["-o", "out.sgi"],  # its writer seeks, and does not notice
+    "dpx": ["-o", "out.dpx"],  # its writer gives the reason itself
 }
 
 
@@ -55,6 +57,7 @@ def test_a_full_disk_is_one_line_and_keeps_the_old_output(tmp_path, picture, out
     line = line_of(done)
     assert name in line
     assert ".oiiotex-" not in line
+    assert line.count("No space left") <= 1
     assert done.stdout.split() == ["old", name]
 
 
@@ -116,6 +119,14 @@ def test_a_folder_that_may_not_be_written_is_one_line(tmp_path):
     assert "out.png: the folder . cannot be written" in line_of(done)
     assert (tmp_path / "out.png").read_bytes() == OLD
     assert sorted(os.listdir(tmp_path)) == ["a.tif", "out.png"]
+
+
+@pytest.mark.parametrize("folder", ["ro", "a.tif"])
+def test_a_folder_that_cannot_be_created_is_named_by_the_file_asked_for(tmp_path, folder):
+    save(np.zeros((8, 8, 3)), tmp_path / "a.tif")
+    (tmp_path / "ro").mkdir(mode=0o555)
+    done = without_privileges(tmp_path, "a.tif", "--create-dir", "-o", f"{folder}/new/out.png")
+    assert f"cannot create the folder of {folder}/new/out.png: {folder} is not a folder" in line_of(done)
 
 
 def test_a_file_that_may_not_be_read_is_one_line(tmp_path):

@@ -20,6 +20,7 @@ from oiiotex_studio.library import runs
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.upkeep import check
 
+from oiiotex.engine.errors import Error
 from tests import pictures
 from tests.conftest import load, save
 from tests.oiiotool.test_imports import LARGE
@@ -213,3 +214,9 @@ def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
         assert sorted(one.assets()) == ["Wall", "meadow"]
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
         assert list(check(other)) == []
+
+
+def test_a_library_that_cannot_be_created_is_told_by_folder_and_reason(tmp_path):
+    (tmp_path / "photo.png").touch()
+    with pytest.raises(Error, match=r"^\S+/photo\.png/library/\.making: Not a directory$"):
+        Catalog(tmp_path / "photo.png" / "library", create=True)

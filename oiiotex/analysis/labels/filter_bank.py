@@ -107,13 +107,13 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Textu
     light = layers[:1]
     responses = np.empty((PLANES - 3, seen.size), np.int16)
 
-    def keep(first: int, looks: np.ndarray) -> None:
-        for n, look in enumerate(looks, first):
-            responses[n] = _whole(_standard(look.ravel(), known))
+    def keep(plane: int, look: np.ndarray) -> None:
+        responses[plane] = _whole(_standard(look.ravel(), known))
 
     octaves = resources.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
     for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
-        keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, resources))
+        for turn in range(_TURNS):  # one at a time, since there are several copies of each
+            keep(_TURNS * n + turn, blurred_layers(energies[turn : turn + 1], 0.35 * wave, 2.5, resources))
     for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians approximates a Laplacian
         wide, narrow = (blurred_layers(light, times * sigma, 3.0, resources) for times in (1.6, 1.0))
         keep(_TURNS * len(WAVES) + n, narrow - wide)

@@ -53,6 +53,7 @@ from .stochastic_nmf import Factors, factored
 
 MOST = 20000  # superpixels up to which all are nodes of the graph
 _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # peak, per pixel of the reduced image and per edge of the graph
+_RUN_BYTES = 40  # peak, per run of the label map while the hierarchy is built
 _DESCRIBED, _LABELED = 550, 800  # time for each superpixel, in that of cutting a pixel
 _NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
@@ -166,16 +167,20 @@ def label_maps(
         )  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
+    resources.cache.forget()  # everything has been read
     _require(resources, finest.window, finest.count, settings)
     small = small_lab(finest)
     # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
     with threadpool_limits(1, "blas"):
         with (
-            resources.in_background(functools.partial(hierarchy, finest, resources, sigmas)) as tree,
+            resources.in_background(
+                functools.partial(hierarchy, finest, resources, sigmas), _RUN_BYTES * len(finest.runs.left)
+            ) as tree,
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
         describing.advance(1, 1)
+        resources.cache.forget()
 
         def top() -> list[np.ndarray]:
             return [level(finest, small, resources) for level in coarsest]
@@ -183,6 +188,7 @@ def label_maps(
         with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     labeling.advance(1, 1)
+    resources.cache.forget()
     return LabelMaps(finest, levels)
 
 

@@ -64,10 +64,11 @@ class _Stack:
         self._variance = (self._side**2 - 1) / 12  # of the current blur, px^2
         _, self.height, self.width = planes.shape
         runs = superpixels.runs
-        inside = np.flatnonzero(runs.label != OUTSIDE)
-        order = inside[np.argsort(runs.label[inside], kind="stable")]
+        order = np.argsort(runs.label, kind="stable")[np.count_nonzero(runs.label == OUTSIDE) :]  # OUTSIDE is the least
         starts = offset_table(np.searchsorted(runs.label[order], np.arange(superpixels.count + 1)))
-        table = np.stack([runs.rows()[order], runs.left[order], runs.right()[order]], 1)  # runs x 3
+        table = np.empty((len(order), 3), np.int32)  # there are millions of runs: one column at a time
+        for column, values in enumerate((runs.rows, lambda: runs.left, runs.right)):
+            table[:, column] = values()[order]
         first, last = starts[:-1], starts[1:] - 1
         self._extent = (  # left, top, right, bottom of every superpixel's pixels, all inclusive
             np.minimum.reduceat(table[:, 1], first),

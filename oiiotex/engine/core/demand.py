@@ -23,6 +23,8 @@ from .window import Window
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
+    from .scratch import TileStore
+
 BAND_BYTES = 8 << 20  # of pixels processed at once: large enough to hide the cost of calls, small enough for caches
 SPILL_SIDE = 256  # px; side of a tile in a temporary file
 PIECE_PIXELS = 1 << 16  # pixels that a thread processes at once: small enough for caches
@@ -212,27 +214,43 @@ def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> o
 
 def materialized(part: Part, budget: int) -> Part:
     """The same part with random access: in memory if it is small, otherwise in a temporary file."""
-    size = part.spec.width * part.spec.height * part.pixel_bytes
-    if size <= budget // 4:
-        pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
-        for window in bands(part):
-            pixels[window.inside(part.window)] = part.read(window)
+    pixels, whole = held_pixels(part, budget), part.window
+    if isinstance(pixels, np.ndarray):
         fetch = from_pixels(part.name, pixels, part.spec).fetch
     else:
-        fetch = _spilled(part)
+        fetch = lambda window: pixels.window(*window.inside(whole))  # noqa: E731 - one of two
     return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
-def _spilled(part: Part) -> Callable[[Window], np.ndarray]:
-    """A function that reads any window of a part, stored in a temporary file."""
+def held_pixels(part: Part, budget: int, cache: PieceCache | None = None) -> np.ndarray | TileStore:
+    """All pixels of a part, in memory if they take at most a quarter of the budget, otherwise in a temporary file.
+
+    Parameters
+    ----------
+    part : Part
+    budget : int
+        Bytes.
+    cache : PieceCache, optional
+        Cache of the file's tiles.
+
+    Returns
+    -------
+    (height, width, channels) array or TileStore
+    """
+    whole, shape = part.window, (part.spec.height, part.spec.width, part.spec.nchannels)
+    if part.spec.width * part.spec.height * part.pixel_bytes <= budget // 4:
+        pixels = np.empty(shape, dtype_of(part.spec))
+        for window in bands(part):
+            pixels[window.inside(whole)] = part.read(window)
+        return pixels
     from .scratch import TileStore  # few runs spill
 
-    whole, side = part.window, SPILL_SIDE
-    store = TileStore((whole.height, whole.width, part.spec.nchannels), dtype_of(part.spec), side)
+    side = SPILL_SIDE
+    store = TileStore(shape, dtype_of(part.spec), side, cache)
     at_once = side * max(1, 4 * BAND_BYTES // (side * side * part.pixel_bytes))
     for window in whole.cells(at_once, side):
         store.put(window.top - whole.top, window.left - whole.left, part.read(window))
-    return lambda window: store.window(*window.inside(whole))
+    return store
 
 
 # --- beyond the border ---

@@ -10,6 +10,7 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from ..deferred import np
+from ..machine import return_freed_memory
 
 
 class PieceCache:
@@ -42,10 +43,11 @@ class PieceCache:
         return self._fill(key, mine, make)
 
     def forget(self) -> None:
-        """Evict all finished pieces to free memory."""
+        """Evict all finished pieces, and return all freed memory to the system: a stage of the work has ended."""
         with self._lock:
             for key in [key for key, piece in self._pieces.items() if piece.done()]:
                 self._bytes -= self._pieces.pop(key).result().nbytes
+        return_freed_memory()
 
     def holds(self, key: Hashable) -> bool:
         """Whether the piece is cached or being computed."""

@@ -10,7 +10,7 @@ from io import BufferedRandom
 from typing import TYPE_CHECKING, Any
 
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, reason_of
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
@@ -134,12 +134,13 @@ class TileStore:
 
     def __getitem__(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
         y, x = np.broadcast_arrays(*at)
-        out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
+        shape, y, x = y.shape, y.ravel(), x.ravel()
+        out = np.empty((y.size, *self.shape[2:]), self.dtype)
         number = self._number(y, x)
-        for n in np.unique(number).tolist():
-            here = number == n
-            out[here] = self._tile(n)[y[here] % self._side, x[here] % self._side]
-        return out
+        order = np.argsort(number, kind="stable")
+        for here in filter(len, np.split(order, np.flatnonzero(np.diff(number[order])) + 1)):
+            out[here] = self._tile(int(number[here[0]]))[y[here] % self._side, x[here] % self._side]
+        return out.reshape(*shape, *self.shape[2:])
 
     def _number(self, y: Any, x: Any) -> Any:
         return y // self._side * self._across + x // self._side
@@ -168,7 +169,7 @@ def _scratch_file(size: int) -> BufferedRandom:
     try:
         file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
     except OSError as error:
-        raise ImageError(f"cannot create a file for intermediate results: {error}; set TMPDIR") from error
+        raise ImageError(f"cannot create a file for intermediate results: {reason_of(error)}; set TMPDIR") from error
     try:
         if size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -180,4 +181,4 @@ def _scratch_file(size: int) -> BufferedRandom:
 def _no_room(error: OSError) -> ImageError:
     import tempfile
 
-    return ImageError(f"no space for intermediate results in {tempfile.gettempdir()}: {error}; set TMPDIR")
+    return ImageError(f"no space for intermediate results in {tempfile.gettempdir()}: {reason_of(error)}; set TMPDIR")

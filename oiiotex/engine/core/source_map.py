@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .demand import SomeRows, rows_of
+from .demand import SomeRows, held_pixels, rows_of
 from .image import Part, derived_spec, spec_beside
 from .op import Kind, Output
+from .scratch import TileStore
 from .tiling import tiled_spec
 from .window import Window
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from ..session.resources import Resources
 
 COPIED = "Pixels copied from the photo, all channels together, in its color space and type."
 ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="st")
@@ -89,10 +92,12 @@ class SourceMap:
         y += x
         return y
 
-    def gather(self, pixels: SomeRows) -> np.ndarray:
+    def gather(self, pixels: SomeRows | TileStore) -> np.ndarray:
         """The values of an exemplar, (h, w) or (h, w, channels), at these pixels."""
         if isinstance(pixels, np.ndarray):
             return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
+        if isinstance(pixels, TileStore):
+            return pixels[self.yx]
         y, x = (each.ravel() for each in self.yx)
         out = np.empty((y.size, *pixels.shape[2:]), pixels.dtype)
         step = max(1, _ROWS_AT_ONCE // max(1, math.prod(pixels.shape[1:]) * out.itemsize))
@@ -135,11 +140,18 @@ class SourceMap:
 
 @dataclass(frozen=True)
 class Sources:
-    """A source map that is read by windows, of a result with that spec; `spread`: see `Resources`."""
+    """A source map that is read by windows, of a result with that spec.
+
+    Attributes
+    ----------
+    resources : Resources, optional
+        Threads to copy with, and the budget for exemplars: what exceeds a quarter of it is in a file. Without them, the
+        op has checked that its exemplars fit in memory.
+    """
 
     read: Callable[[Window], SourceMap]
     spec: oiio.ImageSpec
-    spread: Callable[..., Iterable[np.ndarray]] = map
+    resources: Resources | None = None
     ready: bool = False  # whether reading is cheap
     by_rows: bool = False  # whether exemplars are read by rows
 
@@ -153,17 +165,19 @@ class Sources:
         return {name: self.copied(exemplar, self.spec), "st": st}
 
     def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
-        """A part with that spec, copied from the pixels of a part, which are held in memory."""
+        """A part with that spec, copied from the pixels of a part, which are read now unless they are read by rows."""
         if self.by_rows:
             rows = rows_of(part)
             return Part(part.name, spec, lambda window: self.read(window).gather(rows), part.stored, exact=part.exact)
-        pixels = np.ascontiguousarray(part.pixels())
+        held = self.resources
+        pixels = np.ascontiguousarray(part.pixels()) if held is None else held_pixels(part, held.budget, held.cache)
+        spread: Callable[..., Iterable[np.ndarray]] = map if held is None else held.spread
 
         def fetch(window: Window) -> np.ndarray:
             where = self.read(window)
             rows = max(1, _AT_ONCE // max(1, window.width))
             pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
-            return np.concatenate(list(self.spread(lambda piece: piece.gather(pixels), pieces)))
+            return np.concatenate(list(spread(lambda piece: piece.gather(pixels), pieces)))
 
         return Part(part.name, spec, fetch, part.stored, ready=self.ready, exact=part.exact)
 

@@ -9,7 +9,7 @@ import os
 import stat
 from pathlib import Path
 
-from ..errors import Error
+from ..errors import Error, reason_of
 
 log = logging.getLogger("oiiotex")
 
@@ -104,8 +104,8 @@ def settled_caches(*environment: str | None) -> None:
         os.environ["XDG_CACHE_HOME"] = temporary
         os.environ["POCL_CACHE_DIR"] = os.path.join(temporary, "oiiotex", "pocl")
         os.mkdir(os.path.join(temporary, "oiiotex"), 0o700)
-        why = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
         level = logging.INFO if isinstance(error, OSError) else logging.WARNING
+        why = reason_of(error)
         _notices.append((level, f"caches of this run are temporary: {why}; set XDG_CACHE_HOME to a private folder"))
 
 

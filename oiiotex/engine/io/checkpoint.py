@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ..core.window import Window
 from ..deferred import np
-from ..errors import Error
+from ..errors import Error, reason_of
 from .atomic import make_folders, temporary_beside
 from .sealed import read_arrays, write_arrays
 
@@ -73,7 +73,7 @@ class Checkpoint:
             self.count += 1
         except (OSError, Error) as error:  # the run itself may still succeed
             self._works = False
-            log.warning("resume: cannot write checkpoints to %s: %s", self.folder, error)
+            log.warning("resume: cannot write checkpoints to %s: %s", self.folder, reason_of(error))
 
     def holds(self, key: str, place: Window) -> bool:
         """Whether the complete piece exists."""

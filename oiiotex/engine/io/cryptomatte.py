@@ -21,7 +21,7 @@ from ..core.image import IDS, Image, Part
 from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError, ParameterError, either
+from ..errors import ImageError, ParameterError, either, reason_of
 from .documents import require_regular
 from .owned import checked_name
 
@@ -286,7 +286,7 @@ def _manifest(image: Image, spec: oiio.ImageSpec, key: str) -> dict[str, int]:
                 raise ImageError(f"{path}: the manifest is too large")
             text = Path(path).read_text("utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise ImageError(f"{path}: cannot read the manifest: {error}", subject=image.source) from None
+            raise ImageError(f"{path}: cannot read the manifest: {reason_of(error)}", subject=image.source) from None
     try:
         return {str(name): int(str(bits), 16) for name, bits in json.loads(text or "{}").items()}
     except (ValueError, AttributeError, RecursionError):

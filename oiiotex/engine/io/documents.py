@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..deferred import np
-from ..errors import ImageError, one_line
+from ..errors import ImageError, one_line, reason_of
 
 _MOST_BYTES = 16 << 20  # per document
 _MOST_NUMBER = 2**53  # exact in a float64, and so in any reader of JSON
@@ -138,5 +138,5 @@ def read_arrays(path: Path, budget: int) -> dict[str, np.ndarray]:
     except ImageError:
         raise
     except Exception as error:  # broken files raise many types in zipfile, its decompressors and numpy's header parser
-        why = getattr(error, "strerror", None) or one_line(str(error))[:300]
+        why = getattr(error, "strerror", None) or reason_of(error)[:300]
         raise ImageError(f"{path}: cannot read arrays: {why}") from error

@@ -15,7 +15,7 @@ from ..core.demand import BAND_BYTES, rows_for, stream
 from ..core.image import Image, Part, dtype_of
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError, either, present
+from ..errors import ImageError, either, present, reason_of
 from ..machine import program, start
 from .atomic import held_beside, release, temporary_beside
 from .cryptomatte import matte_channels
@@ -31,6 +31,7 @@ _AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded as a whole on close
 _AT_ONCE = ("openexr", "dpx")  # several parts require all specs up front
 _MOST_HALF = 65504.0
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_MOST_BLOCK = 1 << 16  # bytes; file systems of a network name what they send at once
 _NOT_WHOLE = "the file is incomplete: is the disk full?"
 _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # the writer must not wait forever
 
@@ -74,10 +75,15 @@ def write(
         keep_readable(path)
 
 
-def require_writable(image: Image, path: str | os.PathLike[str], how: Format | oiio.TypeDesc | None = None) -> None:
-    """Refuse a name or pixel types that `write` would refuse; no pixel is read."""
+def require_writable(
+    image: Image, path: str | os.PathLike[str], how: Format | oiio.TypeDesc | None = None, place: str = ""
+) -> None:
+    """Refuse a name or pixel types that `write` would refuse; no pixel is read.
+
+    `place`: a name in an existing folder, if that of `path` will be made.
+    """
     path = Path(checked_name(path))
-    temporary = held_beside(path)
+    temporary = held_beside(Path(place or path))
     try:
         _prepared(image, temporary, path, how)
     finally:
@@ -143,8 +149,8 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
-    """The writer's error, with the final file name."""
-    return _of_target(error_text(out.geterror), temporary, path)
+    """The writer's error, with the final file name, and without a reason that `temporary_beside` adds."""
+    return _of_target(error_text(out.geterror), temporary, path).removesuffix(f" ({os.strerror(errno.ENOSPC)})")
 
 
 def _of_target(text: str, temporary: Path, path: Path) -> str:
@@ -360,8 +366,9 @@ def _keep_mattes(out: oiio.ImageOutput, path: Path, part: Part, spec: oiio.Image
 def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
     """Refuse an incomplete file: several of OpenImageIO's writers do not notice a full disk.
 
-    The last rows are read back, and one more byte must fit on the disk, since data after the last rows may be missing.
-    The number of free blocks is not reliable on all file systems. Also warns of lost metadata.
+    The last rows are read back, and one more block must fit on the disk, since other data may be missing: a writer that
+    seeks leaves a hole where a block found no room. The number of free blocks is not reliable on all file systems. Also
+    warns of lost metadata.
 
     Raises
     ------
@@ -375,15 +382,17 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
             last = Window(level.window.left, level.window.bottom - 1, level.window.right, level.window.bottom)
             level.fetch.planes(last) if isinstance(level.fetch, FilePixels) else level.buffer(last)
     except (ImageError, OSError, ValueError) as error:
-        said = f" ({_of_target(str(error), temporary, path)})" if isinstance(error, ImageError) else ""
+        said = f" ({_of_target(reason_of(error), temporary, path)})" if isinstance(error, ImageError) else ""
         raise ImageError(f"{path}: {_NOT_WHOLE}{said}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
 
 
 def _require_room(temporary: Path) -> None:
-    """Raise OSError if one more byte does not fit: a truncated file ends where the disk is full."""
-    with open(temporary, "ab", buffering=0) as file:
-        size = file.tell()
+    """Raise OSError if one more block does not fit: a file is incomplete only where the disk was full."""
+    with open(temporary, "r+b", buffering=0) as file:
+        status = os.fstat(file.fileno())
+        size, block = status.st_size, min(getattr(status, "st_blksize", 4096), _MOST_BLOCK)
+        file.seek((size // block + 1) * block)  # the last block of the file may have room
         try:
             file.write(b"\0")
         except OSError as error:

@@ -51,7 +51,7 @@ class Facts:
     @functools.cached_property
     def cache(self) -> PieceCache:
         """Cache of decoded pieces of files and of results."""
-        return PieceCache(max(32 << 20, min(self.settings.budget // 4, 1 << 28)))
+        return PieceCache(max(32 << 20, min(self.settings.budget // 8, 1 << 28)))
 
     @functools.cached_property
     def device_memory(self) -> DeviceMemory | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import DTypeLike
 
+    from ..core.image import Part
     from ..opencl.device import Device, DeviceMemory
     from .settings import Settings
 
@@ -97,6 +98,11 @@ class Resources(Facts):
                 self.__dict__[name] = other.__dict__[name]
         self._last = other._last
 
+    def forget_scanned(self, *parts: Part) -> None:
+        """Free the cache after a scan of parts that exceed it: it has the last rows, the next scan needs the first."""
+        if sum(part.window.width * part.window.height * part.pixel_bytes for part in parts) > self.cache.limit:
+            self.cache.forget()
+
     def once(self, key: str, make: Callable[[], Result]) -> Result:
         """The result of `make`, cached for the last key: for frames with the same preparation."""
         if self._last[0] != key:
@@ -134,12 +140,13 @@ class Resources(Facts):
         return self.workers.map(work, pieces)
 
     @contextlib.contextmanager
-    def in_background(self, work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+    def in_background(self, work: Callable[[], Result], need: int = 0) -> Iterator[Callable[[], Result]]:
         """Run `work` on a separate thread during the block; yields a function that waits for its result.
 
-        With a single thread, `work` runs when its result is requested.
+        With a single thread, or if it needs more than an eighth of the budget, `work` runs when its result is
+        requested.
         """
-        if self.thread_count == 1:
+        if self.thread_count == 1 or need > self.budget // 8:
             yield work
             return
         with ThreadPoolExecutor(1, "oiiotex-background") as thread:

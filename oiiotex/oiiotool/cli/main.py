@@ -53,7 +53,7 @@ def _line(words: list[str]) -> int:
 
 
 def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
-    from ...engine.errors import OUT_OF_MEMORY, Error, spelled
+    from ...engine.errors import OUT_OF_MEMORY, Error, reason_of, spelled
     from .running.streams import drop
 
     try:
@@ -73,7 +73,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     except Exception as error:  # a bug or a failing machine
         raise_if_stopped()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
-        return _failed(words, f"{kind}{error} (--debug prints a traceback)")
+        return _failed(words, f"{kind}{reason_of(error)} (--debug prints a traceback)")
     try:
         sys.stdout.flush()
     except BrokenPipeError:  # all work is done

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ...engine.core.image import Image
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from ...engine.errors import Error, of_facts
+from ...engine.errors import Error, of_facts, reason_of
 from ...engine.machine import start_python
 from .messages import Link, LinkError
 from .pictures import image_facts
@@ -224,7 +224,7 @@ def connect(settings: ResidentSettings) -> Client:
         except (OSError, LinkError) as error:
             connection.close()
             if time.monotonic() > until:
-                raise Error(f"the resident process does not answer: {error}") from error
+                raise Error(f"the resident process does not answer: {reason_of(error)}") from error
         if process is None:
             process = _started(settings)
         elif process.poll() not in (None, 0):

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...engine.errors import OUT_OF_MEMORY, Error, Interrupted
+from ...engine.errors import OUT_OF_MEMORY, Error, Interrupted, failure_of
 
 REPORT_EVERY = 0.05  # s; minimum time between two progress reports
 _numbers = itertools.count()
@@ -118,7 +118,7 @@ class Jobs:
         except MemoryError:
             job.report("failed", Error(OUT_OF_MEMORY))
         except Exception as error:  # a bug must not end the process
-            job.report("failed", Error(f"internal error: {type(error).__name__}: {error}"))
+            job.report("failed", failure_of(error))
         else:
             job.report("done", result)
         finally:

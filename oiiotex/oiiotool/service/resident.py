@@ -21,7 +21,7 @@ from typing import Any
 
 from ... import __version__
 from ...engine.deferred import oiio
-from ...engine.errors import Error
+from ...engine.errors import Error, reason_of
 from ...engine.io.atomic import discard_all
 from ...engine.machine import usable_threads
 from ...engine.session import Session
@@ -143,7 +143,7 @@ class _Connection:
                 except Error as error:
                     self._answer(number, "failed", error.facts())
                 except Exception as error:  # a malformed message can raise anything
-                    malformed = Error(f"malformed request: {str(error)[:300]}")
+                    malformed = Error(f"malformed request: {reason_of(error)[:300]}")
                     self._answer(number, "failed", malformed.facts())
         except LinkError:
             pass
@@ -224,7 +224,7 @@ class _Connection:
         except LinkError:  # the receiving thread sees it and cleans up
             pass
         except Exception as error:  # the result is too large, or not JSON
-            failed = Error(f"cannot send the answer: {str(error)[:300]}")
+            failed = Error(f"cannot send the answer: {reason_of(error)[:300]}")
             with contextlib.suppress(LinkError):
                 self._link.send(failed.facts() | {"log": [], "re": number, "state": "failed"})
 

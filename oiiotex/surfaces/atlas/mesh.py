@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...engine.deferred import np
-from ...engine.errors import ImageError, ParameterError
+from ...engine.errors import ImageError, ParameterError, reason_of
 
 _INSTALL = "pip install 'oiiotex[atlas]'"
 _FLAT = 1e-12  # of the squared extent of the mesh, or of the unit square: a smaller area is degenerate
@@ -159,7 +159,7 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         objects = [(matrix, geometry[name]) for (matrix, name), geometry in placed]
         meshes = [(matrix, one) for matrix, one in objects if hasattr(one, "faces") and len(one.faces)]
     except Exception as error:  # readers of a dozen formats raise different exceptions
-        raise ImageError(f"{path} cannot be read as a mesh: {error}") from error
+        raise ImageError(f"{path} cannot be read as a mesh: {reason_of(error)}") from error
     points, faces, uvs, count = [], [], [], 0
     for matrix, one in meshes:
         vertices = np.asarray(one.vertices, np.float64)

@@ -22,6 +22,7 @@ from ...engine.deferred import np
 from ...engine.errors import DeviceError
 from ...engine.io.disk_cache import cached_arrays, hash_of
 from ...engine.io.sealed import Arrays
+from ...engine.machine import return_freed_memory
 from ...engine.opencl.buffers import Buffers
 from ...engine.opencl.device import Device
 from .superexemplar import Levels
@@ -170,37 +171,39 @@ def _analyzed(
     shapes = projections
     if correct and any(map(stacks.levels.turns, range(count))):
         shapes = np.empty_like(projections)
-    means = np.empty((count, side * side, 3))
+    sums = np.empty((count, side * side, 3), np.int32)  # of the 25 colors around a texel: exact, half of a mean's bytes
     for number, plane in enumerate(stacks.planes):
         for texels in _in_bands(side * side):
             lines = slice(texels.start // side, texels.stop // side)
             around = neighborhoods(plane, stacks.levels.spacing(number), stacks.periodic[number], lines)
             projections[number, texels] = project(around, basis)
-            means[number, texels] = around.reshape(-1, 25, 3).mean(1)
+            sums[number, texels] = around.reshape(-1, 25, 3).sum(1)
             if shapes is not projections:
-                shapes[number, texels] = project(around - np.tile(np.rint(means[number, texels]), 25), basis)
+                shapes[number, texels] = project(around - np.tile(np.rint(sums[number, texels] / 25), 25), basis)
         step(number + 1)
     links = _searched(device, stacks, projections, shapes, budget, step)
+    del shapes
+    return_freed_memory()  # the device's
     of = np.array([exemplar for exemplar, _ in stacks.levels.stacks])
     alike = of[:, None] == of if stacks.levels.literal else np.eye(count, dtype=bool)
-    offsets, records = _transfers(links, projections, means, basis, correct, alike)
+    offsets, records = _transfers(links, projections, sums, basis, correct, alike)
     return basis, links, records, offsets, np.array([variance])
 
 
 def _transfers(
-    links: np.ndarray, projections: np.ndarray, means: np.ndarray, basis: np.ndarray, correct: bool, alike: np.ndarray
+    links: np.ndarray, projections: np.ndarray, sums: np.ndarray, basis: np.ndarray, correct: bool, alike: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(offsets, records) of an `Analysis`. `alike` (levels, levels) bool: pairs that need no transfer function."""
     count, texels = links.shape[:2]
     offsets = np.zeros((count, texels, 2, 4), np.int16)
     records = np.empty((count, texels, 2, DIMS), np.int16)
     whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of a uniform color
-    flat, flat_means = projections.reshape(-1, DIMS), means.reshape(-1, 3)
+    flat, flat_sums = projections.reshape(-1, DIMS), sums.reshape(-1, 3)
     for number, band in itertools.product(range(count), _in_bands(texels)):
         chosen = links[number, band].astype(np.int64)
         if correct:
             # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighborhoods' means
-            away = np.rint(means[number, band][:, None] - flat_means[chosen]).astype(np.int64)
+            away = np.rint(sums[number, band][:, None] / 25 - flat_sums[chosen] / 25).astype(np.int64)
             away[alike[number][chosen // texels]] = 0  # an exemplar agrees with itself (section 5)
             offsets[number, band, :, :3] = away
         shift = _scaled(offsets[number, band, :, :3].astype(np.float64) @ whole).astype(np.int32)

@@ -215,7 +215,9 @@ def _analyzed(
 ) -> Analysis:  # fmt: skip
     with resources.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars, literal, rooted)
+    resources.cache.forget()  # everything has been read
     analysis = analyze(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
+    resources.cache.forget()
     _report(graph, exemplars, analysis)
     return analysis
 

@@ -302,7 +302,7 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
     # all parts are read for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
     by_rows = op.copied_by_rows(resources)
-    sources = Sources(functools.lru_cache(1)(read), spec, resources.spread, by_rows=by_rows)
+    sources = Sources(functools.lru_cache(1)(read), spec, resources, by_rows=by_rows)
 
     sewn: dict[str, Any] = sources.parts(op.main().name, op.in_any_order(source, not by_rows))
     labels = {one.part.name for one in label_maps(op.exemplar).values()}

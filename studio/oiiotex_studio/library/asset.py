@@ -19,7 +19,7 @@ from typing import Annotated, Any, NamedTuple, TypedDict
 
 from oiiotex import __version__
 from oiiotex.engine.deferred import np, oiio
-from oiiotex.engine.errors import Error, MemoryBudgetError, one_line
+from oiiotex.engine.errors import Error, MemoryBudgetError, failure_of
 
 from ..api.files import Allowed, hash_of, owned, read_as, read_document, remove_folder
 from ..api.images import TAG, Image, Progress, Session, read
@@ -111,9 +111,8 @@ def make(job: AssetJob) -> Outcome:
     except Exception as error:  # a bug must not end a run either
         with contextlib.suppress(Error):
             remove_folder(folder, owner)
-        kind = "" if isinstance(error, (Error, OSError)) else f"internal error: {type(error).__name__}: "
         short, asks = isinstance(error, MemoryBudgetError), isinstance(error, Question)
-        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short, asks)
+        return Outcome(job.material.name, None, str(failure_of(error)), time.perf_counter() - start, short, asks)
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:

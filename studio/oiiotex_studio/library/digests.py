@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.errors import Error, one_line
+from oiiotex.engine.errors import Error, one_line, reason_of
 
 from ..api.files import owned
 from ..recipes.found import Material
@@ -56,7 +56,7 @@ def digests_of(
 
 
 def _why(path: str, error: OSError) -> str:
-    return f"{path}: cannot read: {error.strerror or error}"
+    return f"{path}: cannot read: {error.strerror or reason_of(error)}"
 
 
 def is_text(path: str | Path) -> bool:
@@ -79,7 +79,7 @@ def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
             elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
                 wrong.append(f"{path} has changed since it was written")
         except (Error, OSError) as error:
-            wrong.append(str(error))
+            wrong.append(reason_of(error))
     return wrong
 
 

@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from oiiotex.engine.errors import Error, ParameterError, one_line
+from oiiotex.engine.errors import Error, ParameterError, one_line, reason_of
 
 from ..api.files import copy_folder, owned, read_document, remove_folder, temporary_beside
 from ..materials.blender_catalogs import BLENDER, blender_catalog
@@ -53,7 +53,7 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
             count += 1
             done(asset.name)
     except OSError as error:
-        raise Error(f"{target}: {error.strerror or error}") from error
+        raise Error(f"{target}: {error.strerror or reason_of(error)}") from error
     _write(target / BLENDER, blender)
     _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
     return count

@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
-from oiiotex.engine.errors import Error
+from oiiotex.engine.errors import Error, reason_of
 
 from ..api.files import owned, remove_folder
 from ..recipes.found import LIBRARY
@@ -62,8 +62,10 @@ def sqlite_errors(library: Path) -> Iterator[None]:
             raise Error(f"{library / FILE}: {error}; {hint}") from error
         hint = "; remove it and run ingest again" if "no such table" in str(error) else ""
         raise Error(f"{library / FILE}: {error}{hint}") from error
-    except (sqlite3.Error, OSError) as error:
+    except sqlite3.Error as error:
         raise Error(f"{library}: {error}") from error
+    except OSError as error:
+        raise Error(reason_of(error) if error.filename else f"{library}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from oiiotex.engine.deferred import np, oiio
-from oiiotex.engine.errors import Error, ParameterError
+from oiiotex.engine.errors import Error, ParameterError, failure_of
 
 from ..api.files import checked_name
 from ..api.images import (
@@ -319,10 +319,8 @@ class Hub(Pages):
         for save in (self._save_document, *(room.save_work for room in self.keepers)):
             try:
                 await save()
-            except Error as error:
-                failed.append(str(error))
             except Exception as error:  # autosave must survive a bug
-                failed.append(f"internal error: {type(error).__name__}: {error}")
+                failed.append(str(failure_of(error)))
         text = f"Not saved: {failed[0]}. Your work is kept in memory until saving succeeds." if failed else ""
         if text != self.unsaved:
             self.unsaved = text

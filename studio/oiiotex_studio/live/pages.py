@@ -13,7 +13,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from oiiotex.engine.deferred import np
-from oiiotex.engine.errors import Error
+from oiiotex.engine.errors import Error, failure_of
 
 from ..api.files import require_plain
 
@@ -83,7 +83,7 @@ class Pages:
         if page is not None and isinstance(error, MALFORMED):
             error = Error("the page's message is malformed")
         elif not isinstance(error, Error):
-            error = Error(f"internal error: {type(error).__name__}: {error}")
+            error = failure_of(error)
             log.error("oiiotex ERROR: %s", error)
         message = error.facts() | {"do": "error", "text": str(error)}
         if page is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oiiotex.engine.errors import Error, one_line
+from oiiotex.engine.errors import Error, reason_of
 
 from ..api.files import checked_name
 from ..api.materials import ROUGHNESS, HexMap
@@ -131,7 +131,7 @@ def materialx_faults(path: Path) -> list[str]:
             if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString()
         ]
     except Exception as error:  # MaterialX exceptions, and those of bytes that are not UTF-8
-        return [f"{path}: {one_line(str(error))}"]
+        return [f"{path}: {reason_of(error)}"]
     faults = [] if valid else [f"{path}: {text}"]
     return faults + [f"{path}: {file} is missing" for file in files if not os.path.isfile(file)]
 
@@ -347,7 +347,7 @@ def usd_faults(path: Path) -> list[str]:
     try:
         stage = Usd.Stage.Open(str(path))
     except Exception as error:  # USD exceptions
-        return [f"{path}: {error}"]
+        return [f"{path}: {reason_of(error)}"]
     stage.SetEditTarget(stage.GetSessionLayer())  # do not change the file
     variants = stage.GetDefaultPrim().GetVariantSet("shading") if stage.HasDefaultPrim() else None
     if not variants:

@@ -213,7 +213,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise Error(f"{path}: file too large: expected at most {_MOST_BYTES >> 20} MB")
         return tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
-        raise Error(f"{path}: {error}") from error
+        raise Error(f"{path}: {getattr(error, 'strerror', None) or 'not text in UTF-8'}") from error
     except tomllib.TOMLDecodeError as error:
         raise Error(f"{path}: {error}") from error
     except RecursionError as error:

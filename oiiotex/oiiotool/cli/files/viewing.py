@@ -13,7 +13,7 @@ from ....engine.core.demand import bands, cached, stream
 from ....engine.core.image import Image, Part
 from ....engine.core.parameters import param
 from ....engine.deferred import np
-from ....engine.errors import Error
+from ....engine.errors import Error, reason_of
 from ...host.color import ToColorSpace
 from ..language.parse import Option
 from ..stack.chain import Chain
@@ -76,7 +76,7 @@ def _tev(given: ViewModifiers) -> Iterator[Ipc]:
         with Ipc(given.host, given.port) as viewer:
             yield viewer
     except OSError as error:
-        text = error.strerror or str(error)
+        text = error.strerror or reason_of(error)
         raise Error(f"--tev: no tev at {given.host}:{given.port} ({text}): start tev first") from error
 
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from ....engine.core.image import Image, Part
 from ....engine.core.op import Op
 from ....engine.deferred import oiio
-from ....engine.errors import Error, ParameterError
+from ....engine.errors import Error, ImageError, ParameterError
 from ....engine.io.formats import Format
 from ....engine.io.writing import require_writable
 from ....engine.run import as_provisional, is_provisional, planned
@@ -269,7 +269,7 @@ class _Rehearsal(Chain):
             ):
                 raise CollisionError(f"{path} is the input", hint="use another folder or name")
             self._own(path)
-            require_writable(image, self._place_of(path), how)
+            require_writable(image, path, how, self._place_of(path))
         self._files[os.path.realpath(path)] = as_provisional(image)
 
     def _own(self, path: str) -> None:
@@ -290,6 +290,9 @@ class _Rehearsal(Chain):
             return path
         while folder and not os.path.exists(folder):
             folder = os.path.dirname(folder)
+        above = folder or "."
+        if folder != os.path.dirname(path) and not (os.path.isdir(above) and os.access(above, os.W_OK)):
+            raise ImageError(f"cannot create the folder of {path}: {above} is not a folder, or cannot be written")
         return os.path.join(folder, name)
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:

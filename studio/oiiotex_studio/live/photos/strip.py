@@ -13,7 +13,7 @@ from typing import Any
 from starlette.websockets import WebSocket
 
 from oiiotex.engine.deferred import np
-from oiiotex.engine.errors import Error, ParameterError
+from oiiotex.engine.errors import Error, ParameterError, failure_of
 
 from ...api.images import Image, Session, as_float, read, resized
 from ..hub import Hub
@@ -301,7 +301,7 @@ class PhotoStrip(Pages):
                 names = [] if self._canceled else await self._make(self._making, values, text)
                 self._states[key] = {"text": f"saved: {', '.join(names)}" if names else "canceled"}
             except Exception as error:
-                self._states[key] = {"text": str(error), "wrong": True}
+                self._states[key] = {"text": str(failure_of(error)), "wrong": True}
         self._making = self._batch = None
         self._tell_list()
 
