@@ -71,7 +71,7 @@ class Composite(Reported, Quilted):
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
         quality = Quality.of_copies(self, facts, size, judged=False)
-        labels = label_map(self.exemplar, self.labels, self.labellevel)
+        labels = label_map(self.exemplar, self.labellevel)
         Sewing(op=self, guide=None, level=self.labellevel, size=size, patch=self.patch).require_memory(facts)
         side = cell_side(labels.scale, spec.width, spec.height)
         cells = -(-size.width // side) * -(-size.height // side)

@@ -81,7 +81,7 @@ class Paint(Reported, Quilted):
         asked = self.size or self.painting.first.window.size
         quality = Quality.of_copies(self, facts, asked, painted=True, judged=False)
         table = None if self.palette is None else read_table(self.palette, self.tolerance)
-        levels = label_levels(self.exemplar, self.labels)
+        levels = label_levels(self.exemplar)
         level = self.labellevel or (table.level if table else None) or opened_level(levels)
         layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.fromplan)
         coarse = layered.coarse(facts.budget)

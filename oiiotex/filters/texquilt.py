@@ -117,7 +117,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
     @property
     def _is_alone(self) -> bool:
         """Whether no labels decide the result."""
-        return not any((self.guide, self.labels, self.label, self.labellevel))
+        return not any((self.guide, self.label, self.labellevel))
 
     def _flat(self, resources: Resources) -> Quilting:
         """The op on the flattened photo, without its stains."""
@@ -151,7 +151,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
 
     def _stored(self, path: Path, facts: Facts) -> QuiltPlan:
         """The plan to render."""
-        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.planfile
+        planned = self.size, self.mask, self.guide, self.label, self.patch, self.planfile
         if any(value is not None for value in planned):
             names = "size, patch, mask, label, labels, guide and planfile"
             raise ParameterError(f"fromplan conflicts with {names}: the plan contains them")

@@ -71,7 +71,7 @@ def test_errors_and_warnings_are_one_line(caplog):
 @pytest.mark.parametrize("line", [
     "pipe -o o.exr", "a.png --ociofiletransform pipe -o o.exr", "a.png --iccread pipe -o o.exr",
     "a.png --texquilt:mask=pipe -o o.exr", "a.png --texquilt:size=32x32 -o o.exr --texquilt:guide=pipe -o p.exr",
-    "a.png --texpalette:labels=pipe -o o.exr",
+    "a.png --texpreview:exemplar=pipe -o o.exr",
 ])  # fmt: skip
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path, picture, line):
     os.mkfifo(tmp_path / "pipe")

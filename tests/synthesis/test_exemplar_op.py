@@ -71,7 +71,7 @@ def test_all_of_a_plain_photo_may_be_taken():
 
 
 def test_a_level_alone_says_nothing_but_to_what_looks_labels_up():
-    with pytest.raises(ParameterError, match="labellevel and labels require label"):
+    with pytest.raises(ParameterError, match="labellevel=1: requires label"):
         Cut(exemplar=photo(LABELS), labellevel=1).plan(Session().resources)
     usable = Quilting(exemplar=photo(LABELS), labellevel=1).read(Session().resources).usable
     np.testing.assert_array_equal(usable, THERE)

@@ -190,9 +190,9 @@ class Sewing:
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, if any parameter needs labels."""
-        if all(source is None for source in (self.op.label, self.guide, self.level, self.op.labels)):
+        if all(source is None for source in (self.op.label, self.guide, self.level)):
             return None
-        return label_map(self.op.exemplar, self.op.labels, self.level)
+        return label_map(self.op.exemplar, self.level)
 
     def _rules(self, patch: int) -> Rules:
         return Rules(
@@ -284,7 +284,7 @@ class Sewing:
         """Label maps of the levels below."""
         if labels is None:
             return ()
-        levels = label_levels(self.op.exemplar, self.op.labels).values()
+        levels = label_levels(self.op.exemplar).values()
         below = [one for one in levels if one.level < labels.level][-MOST_FINER:]
         return tuple(folded(one.ids) for one in below)
 
