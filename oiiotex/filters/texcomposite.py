@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.core.image import Image, Part, from_pixels, spec_beside
@@ -51,7 +50,6 @@ class Composite(Reported, Quilted):
         Output("composite", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("planfile", Kind.ARRAYS, "Offsets and cuts.", asked_by="planfile"),
         Output("grown", Kind.IDS, "Grown label map, a guide for `quilt` and `paint`.", asked_by="grown"),
         REPORT,
     )
@@ -60,9 +58,7 @@ class Composite(Reported, Quilted):
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    planfile: Path | None = param(
-        None, example="plan.npz", help="File (.npz) for the plan, which `quilt` renders with `fromplan`."
-    )
+    guideweight: ClassVar[float] = 1.0  # type: ignore[misc]  # the guide is its own
     search: str = param(RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True)
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 

@@ -58,13 +58,14 @@ def test_a_guide_of_ids_is_followed():
     assert (label_under(made) == full)[inside].mean() > 0.9
 
 
-def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
+def test_a_guide_of_colors_means_what_the_table_says(tmp_path, monkeypatch):
     colors = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     guide = buffer(colors[GUIDE], oiio.UINT8, "")
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
-    values = {"size": (400, 240), "st": True, "guideweight": 0.0, "freeuses": 1e9}
+    monkeypatch.setattr(quilt_job, "FREE_USES", 1e9)
+    values = {"size": (400, 240), "st": True, "guideweight": 0.0}
     made = filters.quilt(labeled(), guide=guide, palette=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)

@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from ...engine.core.image import Image
 
 
-def require_region(
-    photo: Image, region: Image | None, label: int | None, level: int | None, matte: str | None
-) -> None:
+def require_region(photo: Image, region: Image | None, label: int | None, level: int | None, matte: str | None) -> None:
     """Refuse what `marked_pixels` would refuse whatever the pixels are."""
     if label is not None:
         label_map(photo, level)
