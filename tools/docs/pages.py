@@ -23,7 +23,7 @@ from tools.docs import notebook, stubs
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
 SHARED = "shared_modifiers.md"  # next to the filters' pages
-_ALIKE = 3  # filters that declare a modifier alike, from which on it is described once
+_ALIKE = 2  # filters that declare a modifier alike, from which on it is described once
 
 
 def page_text(op: type[Op], path: Path) -> str:
@@ -83,7 +83,7 @@ def _outputs(outputs: Sequence[Output], say: Callable[[str], str]) -> list[str]:
 def _looks(parameter: Parameter) -> tuple[str, ...]:
     """What a page says of a modifier."""
     p = parameter
-    return p.name, p.help, p.allowed(), p.default_text, p.sample or ""
+    return p.name, p.help, p.allowed(), p.default_text
 
 
 @functools.cache
@@ -108,16 +108,16 @@ def _is_shared(parameter: Parameter) -> bool:
 
 
 def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
-    """A table of modifiers with values, defaults and examples."""
+    """A table of modifiers with values and defaults."""
     rows, notes = [], ""
     for p in modifiers:
         values = p.allowed()
         if values.startswith("1 (the next image"):
             values, notes = "image", f"*image*: {values}."
         text = say(p.help).replace("docs/reference/report.md", "[reports](../report.md)")
-        cells = (f"`{p.name}`", text, values, p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
+        cells = (f"`{p.name}`", text, values, p.default_text)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    heading = ["| modifier | description | values | default | example |", "|---|---|---|---|---|"]
+    heading = ["| modifier | description | values | default |", "|---|---|---|---|"]
     return [*heading, *rows, "", *([notes, ""] if notes else [])] if rows else []
 
 
