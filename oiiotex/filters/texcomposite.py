@@ -23,7 +23,7 @@ from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.label_growth import cell_side, grow_labels
-from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
 
 _CELL_BYTES = 400  # approximately, per cell of the grown map and per pixel of the original
 _PIXEL_BYTES = 24
@@ -86,7 +86,7 @@ class Composite(Reported, Quilted):
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.labellevel, size=size, patch=self.patch)
         quilt = sewing.quilt(self.read(resources), resources, next(stages))
-        results = quality.add_to_copies(sewn_whole(self, quilt, resources))
+        results = quality.add_to_copies(sewn_parts(self, quilt.sources, quilt.grid, resources))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
     def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:
