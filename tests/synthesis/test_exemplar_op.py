@@ -77,6 +77,15 @@ def test_a_level_alone_says_nothing_but_to_what_looks_labels_up():
     np.testing.assert_array_equal(usable, THERE)
 
 
+def test_a_single_part_of_ids_is_a_label_map_and_two_need_names():
+    """`labels.tif --siappend` appends it; formats without part names number parts."""
+    ids = dataclasses.replace(LABELS, name="subimage01")
+    usable = Cut(exemplar=photo(ids), label=1).read(Session().resources).usable
+    np.testing.assert_array_equal(usable, THERE & UPPER & (np.indices((64, 72))[1] < 36))
+    with pytest.raises(ImageError, match="has no label parts"):
+        Cut(exemplar=photo(ids, dataclasses.replace(ids, name="subimage02")), label=1).plan(Session().resources)
+
+
 def test_what_leaves_nothing_is_refused():
     nothing, corner = (
         image_of(where[..., None] * 1.0, names=("Y",)) for where in (LEFT & ~LEFT, LEFT & ~THERE & UPPER)
