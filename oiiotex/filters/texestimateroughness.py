@@ -26,7 +26,7 @@ _NO_HIGHLIGHTS = (
     " hard light"
 )
 
-_SPREAD = np.float32(0.3)  # maximum deviation from `middle`
+_SPREAD = 0.3  # maximum deviation from `middle`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +102,8 @@ class EstimateRoughness(ScanThenMap):
 
         def fetch(window: Window) -> np.ndarray:
             seen = np.maximum(contrast.values(window), np.float32(0))
-            return np.clip(middle - _SPREAD * (seen - overall) / (seen + overall), np.float32(0), np.float32(1))
+            return np.clip(
+                middle - np.float32(_SPREAD) * (seen - overall) / (seen + overall), np.float32(0), np.float32(1)
+            )
 
         return {"roughness": Part(part.name, spec, fetch, ready=True)}
