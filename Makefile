@@ -153,5 +153,5 @@ $(VENV)/release/made: $(VENV)/checked pyproject.toml  # tools of releases, apart
 $(VENV)/plain/made: $(VENV)/release/made studio/pyproject.toml  # what users install, with all extras but Intel's runtime
 	$(RELEASE)/uv venv -q --clear $(VENV)/plain
 	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python \
-	  ".[cpu,linker,yaml,movie,tev,atlas,track]" "$(STUDIO)"
+	  ".[cpu,linker,yaml,tev,atlas,track]" "$(STUDIO)"
 	@touch $@

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
+from oiiotex.engine.core.image import Image, from_buffer
 from oiiotex.engine.core.op import Kind, Op, Space
 from oiiotex.engine.core.parameters import Numbers, Size, Words
 from oiiotex.engine.session import Session
@@ -30,10 +32,9 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {"size": Size(72, 64)} if op.name == "composite" else {}
     found |= {"tiled": "xy"} if op.name == "transition" else {}
-    found |= {"labels": quarters()} if op.name in LABELED else {}
     found |= {"lights": Numbers(LIGHTS)} if op.name == "capture" else {}
     # its first frame is the middle of the photo, whatever the seed
-    found |= {"lod": 7, "size": Size(72, 64)} if op.name == "zoom" else {}
+    found |= {"frame": 2, "speed": 1.0, "size": Size(72, 64)} if op.name == "zoom" else {}
     return found | {name: value for name, value in more.items() if name in names}
 
 
@@ -72,12 +73,30 @@ def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
     return buffer(st, space="data", names=("R", "G"))
 
 
-def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
+def labeled(photo: oiio.ImageBuf, labels: oiio.ImageBuf | None = None) -> dict[str, oiio.ImageBuf]:
+    """The photo with a label map, as parts of one image."""
+    return {"photo": photo, "label.1": labels or quarters()}
+
+
+def image_of(given: oiio.ImageBuf | dict[str, oiio.ImageBuf]) -> Image:
+    """An image of one buffer, or of the parts of `labeled`."""
+    if isinstance(given, oiio.ImageBuf):
+        return from_buffer(given)
+    return Image(tuple(replace(from_buffer(one).first, name=name) for name, one in given.items()), "photo")
+
+
+def with_labels(op: type[Op], photo: Image) -> Image:
+    """The photo, with a label map if the op takes one."""
+    labels = (replace(from_buffer(quarters()).first, name="label.1"),) if op.name in LABELED else ()
+    return Image((*photo.parts, *labels), photo.source)
+
+
+def operands(op: type[Op], photo: oiio.ImageBuf) -> list[Any]:
     """Images for all of an op's inputs, the photo first; a label map for what takes one."""
     if is_view(op):
         return [ids(np.indices((64, 72)).sum(0) // 30 + 1)]
-    if op.name in PAINTINGS:
-        return [photo, quarters()]
+    if op.name in LABELED:
+        return [labeled(photo), quarters()][: len(op.images())]
     if op.name in REGIONS:
         return [photo, ids(np.indices((64, 72))[1] >= 20)]
     if op.name in PLATES:
@@ -121,9 +140,8 @@ def is_view(op: type[Op]) -> bool:
 
 # What is true of few and does not follow from the kinds of their outputs; a new filter is held to everything else.
 RESAMPLED = ("zoom",)  # their results are pixels of another size
-LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
+LABELED = ("composite", "palette", "paint")  # take a picture with its label maps, and a painting of labels
 PLATES = ("project",)  # and a plate with the same channels
-PAINTINGS = ("paint",)  # and a painting of labels
 LIGHTS = (0, 1, 1, -1, -0.5, 1, 1, -0.5, 1, 0, -1, 1, 1, 0.5, 1, -1, 0.5, 1)  # of its photos, equally high
 SEVERAL = {"capture": 6, "transition": 2}  # images that they take: of one surface under other lights; tiles
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo

@@ -29,7 +29,6 @@ from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
 from .io.cryptomatte import cryptomatte_part
-from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
 from .io.writing import require_writable, write
 from .operands import check_operands
@@ -231,9 +230,6 @@ class _Runner:
         if output.kind is Kind.TABLE:
             _write_json(value, path)
             return
-        if output.kind is Kind.MOVIE:
-            write_movie(path, *value)
-            return
         if output.kind is Kind.PAINTS:
             write_palette(path, value)
             return
@@ -298,9 +294,7 @@ def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
             require_writable(Image(tuple(_pixel_of(output) for output in outputs)), path, _type_of(outputs[0]))
         else:
             require_place(path)
-            if outputs[0].kind is Kind.MOVIE:
-                require_encoder(path)
-            elif outputs[0].kind is Kind.PAINTS:
+            if outputs[0].kind is Kind.PAINTS:
                 require_palette(path)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.core.image import Image, Part, from_pixels, spec_beside
@@ -24,7 +23,7 @@ from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.label_growth import cell_side, grow_labels
-from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
 
 _CELL_BYTES = 400  # approximately, per cell of the grown map and per pixel of the original
 _PIXEL_BYTES = 24
@@ -51,7 +50,6 @@ class Composite(Reported, Quilted):
         Output("composite", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("planfile", Kind.ARRAYS, "Offsets and cuts.", asked_by="planfile"),
         Output("grown", Kind.IDS, "Grown label map, a guide for `quilt` and `paint`.", asked_by="grown"),
         REPORT,
     )
@@ -60,9 +58,7 @@ class Composite(Reported, Quilted):
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    planfile: Path | None = param(
-        None, example="plan.npz", help="File (.npz) for the plan, which `quilt` renders with `fromplan`."
-    )
+    guideweight: ClassVar[float] = 1.0  # type: ignore[misc]  # the guide is its own
     search: str = param(RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True)
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
@@ -71,7 +67,7 @@ class Composite(Reported, Quilted):
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
         quality = Quality.of_copies(self, facts, size, judged=False)
-        labels = label_map(self.exemplar, self.labels, self.labellevel)
+        labels = label_map(self.exemplar, self.labellevel)
         Sewing(op=self, guide=None, level=self.labellevel, size=size, patch=self.patch).require_memory(facts)
         side = cell_side(labels.scale, spec.width, spec.height)
         cells = -(-size.width // side) * -(-size.height // side)
@@ -90,7 +86,7 @@ class Composite(Reported, Quilted):
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.labellevel, size=size, patch=self.patch)
         quilt = sewing.quilt(self.read(resources), resources, next(stages))
-        results = quality.add_to_copies(sewn_whole(self, quilt, resources))
+        results = quality.add_to_copies(sewn_parts(self, quilt.sources, quilt.grid, resources))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
     def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:

@@ -25,7 +25,7 @@ from ..engine.session.facts import Facts
 from ..engine.session.resources import Resources
 from ..surfaces.charts.drawing import colored, shown_pixels
 from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
-from ..synthesis.exemplar.exemplar_op import COARSEST, LABELS
+from ..synthesis.exemplar.exemplar_op import COARSEST
 
 log = logging.getLogger("oiiotex")
 
@@ -68,7 +68,6 @@ class Content(ScanThenMap):
     )  # fmt: skip
 
     source: Image = image(help="Image with label parts, from `label` with `photo`.")
-    labels: Image | None = image(None, help=LABELS)
     center: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",
         help="Center X,Y of the patch, in the data window.",
@@ -90,7 +89,7 @@ class Content(ScanThenMap):
         from ..surfaces.charts.content_chart import drawing_bytes  # not needed to parse the command line
 
         first = self.source.first
-        labels = label_map(self.source, self.labels, self.labellevel)
+        labels = label_map(self.source, self.labellevel)
         width, height = first.spec.width, first.spec.height
         side = self.patch or patch_side(labels.scale or min(width, height) / 8)
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
@@ -108,7 +107,7 @@ class Content(ScanThenMap):
         from ..surfaces.charts.content_chart import key_table, marked  # not needed to parse the command line
 
         first, (labels, side, left, top) = self.source.first, plan.work
-        levels = label_levels(self.source, self.labels)
+        levels = label_levels(self.source)
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
         contents = Contents(labels.part, side, session.resources, session.progress, key, passes=2 if self.keys else 1)

@@ -26,6 +26,8 @@ _NO_HIGHLIGHTS = (
     " hard light"
 )
 
+_SPREAD = 0.3  # maximum deviation from `middle`
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRoughness(ScanThenMap):
@@ -33,7 +35,7 @@ class EstimateRoughness(ScanThenMap):
 
     Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
     finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
-    photo become smoother than `middle`, places with less become rougher, by at most `spread`. The estimate is weak
+    photo become smoother than `middle`, places with less become rougher, by at most 0.3. The estimate is weak
     (its page has figures), and fine paint appears smooth. Without highlights, as under an overcast sky, nothing can be
     estimated: the map is `middle` everywhere, and a warning says so. If a scan has a roughness map, use that instead.
     Memory does not grow with the photo.
@@ -57,7 +59,6 @@ class EstimateRoughness(ScanThenMap):
         help="Scale of the local contrast.",
     )
     middle: float = param(0.6, ge=0, le=1, help="Roughness where the local contrast is average.")
-    spread: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
     tiled: str | None = TILED
     data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
@@ -89,7 +90,7 @@ class EstimateRoughness(ScanThenMap):
             self.warn(_NO_HIGHLIGHTS, skewed)
         spec = tiled_spec(measure_spec(part.spec), tiling)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
-        middle, amount = np.float32(self.middle), np.float32(self.spread)
+        middle = np.float32(self.middle)
         overall = np.float32(0 if drift is None else drift.overall_level[0])
         if drift is None or overall == 0 or skewed < _LEAST_SKEWNESS:  # no opaque pixels, no detail, or no highlights
 
@@ -101,6 +102,8 @@ class EstimateRoughness(ScanThenMap):
 
         def fetch(window: Window) -> np.ndarray:
             seen = np.maximum(contrast.values(window), np.float32(0))
-            return np.clip(middle - amount * (seen - overall) / (seen + overall), np.float32(0), np.float32(1))
+            return np.clip(
+                middle - np.float32(_SPREAD) * (seen - overall) / (seen + overall), np.float32(0), np.float32(1)
+            )
 
         return {"roughness": Part(part.name, spec, fetch, ready=True)}

@@ -66,7 +66,6 @@ class Fill(Reported, MaterialOp, InBands):
         None,
         help="Another photo to fill from, of any size and color space. With kinds, its first parts are the maps.",
     )
-    mattes: Image | None = image(None, help="Cryptomatte image, if the photo's file has none.", advanced=True)
     mask: Image | None = image(  # type: ignore[misc]  # as in `ExemplarOp`
         None,
         help="Image that marks the valid source pixels, of the photo or of donor (first channel above half its range,"
@@ -138,7 +137,7 @@ class Fill(Reported, MaterialOp, InBands):
         from ..synthesis.fill.region_fill import quality_of
 
         self._check()
-        require_region(self.exemplar, self.region, self.labels, self.replace, self.labellevel, self.mattes, self.matte)
+        require_region(self.exemplar, self.region, self.replace, self.labellevel, self.matte)
         return Plan(work=quality_of(self, facts))
 
     def make(self, plan: Plan, session: Session) -> tuple[dict[str, Any], ...]:
@@ -152,10 +151,8 @@ class Fill(Reported, MaterialOp, InBands):
         """Refuse conflicting modifiers."""
         if self.replace is not None and self.matte is not None:
             raise ParameterError(f"conflicts with replace={self.replace}", parameter="matte", value=self.matte)
-        if self.mattes is not None and self.matte is None:
-            raise ParameterError("mattes requires matte")
-        if self.replace is None and self.label is None and (self.labellevel is not None or self.labels is not None):
-            raise ParameterError("labellevel and labels require replace or label")
+        if self.replace is None and self.label is None and self.labellevel is not None:
+            raise ParameterError("requires replace or label", parameter="labellevel", value=self.labellevel)
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
         if self.relevel and self.donor is not None:

@@ -18,7 +18,7 @@ from ..engine.core.parameters import image, param
 from ..engine.core.tiling import tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
-from ..engine.errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
+from ..engine.errors import COLORSPACE, ColorError, ImageError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 
@@ -54,15 +54,9 @@ class Lab(Pointwise):
 
     source: Image = image(help="Image to convert.")
     inverse: bool = param(False, help="Convert from Lab to color.")
-    to: str | None = param(
-        None, unset="the original color space", example="lin_rec709_scene",
-        help="Color space of the result. Requires inverse.",
-    )  # fmt: skip
 
     def plan(self, facts: Facts) -> Plan:
         """The converted part, and what converts its rows."""
-        if self.to is not None and not self.inverse:
-            raise ParameterError(f"requires {modifier(inverse=True)}", parameter="to", value=self.to)
         part, work = self._color(facts) if self.inverse else self._lab(facts)
         return Plan({"color" if self.inverse else "lab": part}, work)
 
@@ -102,14 +96,14 @@ class Lab(Pointwise):
 
     def _color(self, facts: Facts) -> tuple[Part, Conversion]:
         part, name = self.source.first, self.source.source
-        tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
+        tag, space = part.spec.get_string_attribute(TAG), part.spec.get_string_attribute(FROM)
         if tag and not facts.color.is_data(tag):
             raise ColorError(f"is in '{tag}': expected Lab", subject=name)
         if not space:
-            problem = f"does not record its original color space; add {modifier(to='NAME')}"
+            problem = f"does not record its original color space: expected its name in the attribute {FROM}"
             raise ColorError(problem, subject=name)
         if facts.color.is_data(space):
-            raise ColorError(parameter="to", value=space, expected="a color space, not data")
+            raise ColorError(f"the attribute {FROM} is '{space}': expected a color space, not data", subject=name)
         channels = channels_of(part.spec)
         if len(channels.color) != 3:
             raise ImageError(

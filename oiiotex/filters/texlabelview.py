@@ -12,14 +12,15 @@ from ..engine.core.attributes import SIGMA, SUPERPIXELS
 from ..engine.core.image import Image
 from ..engine.core.label_map import LabelMap, holds_ids, label_maps, required_ids
 from ..engine.core.op import Kind, Output, Plan, Space
-from ..engine.core.parameters import image, param
+from ..engine.core.parameters import image
 from ..engine.deferred import np
 from ..engine.errors import ImageError, either, texture_filter
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
 
-_COLUMNS, _OPACITY = 3, 0.65  # panels in a row; of the label colors over the photo
+_COLUMNS, _PANEL = 3, 384  # panels in a row; px of the longer side of one
+_OPACITY = 0.65  # of the label colors over the photo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,6 @@ class LabelView(ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
     source: Image = image(help="Image with label parts, from `label` or `superpixel` with `photo`.")
-    panel: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
 
     def plan(self, facts: Facts) -> Plan:
         """The label maps to show."""
@@ -60,7 +60,7 @@ class LabelView(ScanThenMap):
         labels = plan.work
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec
-        step = max(1, -(-max(spec.width, spec.height) // self.panel))
+        step = max(1, -(-max(spec.width, spec.height) // _PANEL))
         maps = [required_ids(sampled(one.part, step)[..., 0], one.part.name).astype(np.int64) for one in labels]
         lightness, panels = None, []
         if photo is not None:

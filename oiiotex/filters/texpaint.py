@@ -18,7 +18,7 @@ from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_masks import label_levels
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
-from ..synthesis.quilting.guide_map import SOFT, read_table
+from ..synthesis.quilting.guide_map import read_table
 from ..synthesis.quilting.label_painting import painting_arrays, read_begun
 from ..synthesis.quilting.painted_layers import LayeredPainting
 from ..synthesis.quilting.quilt_job import CARRIED, Quilted, sewn_parts
@@ -63,7 +63,6 @@ class Paint(Reported, Quilted):
     palette: Path | None = param(
         None, example="palette.json", help="JSON table from `palette` (its facts), which maps colors to labels."
     )
-    tolerance: float = param(0.2, ge=0, le=1, advanced=True, help=SOFT)
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="the painting's size", help="Size of the result."
     )
@@ -80,8 +79,8 @@ class Paint(Reported, Quilted):
             self.inform("%s has a fine painting, which this run does not overlay", self.fromplan)
         asked = self.size or self.painting.first.window.size
         quality = Quality.of_copies(self, facts, asked, painted=True, judged=False)
-        table = None if self.palette is None else read_table(self.palette, self.tolerance)
-        levels = label_levels(self.exemplar, self.labels)
+        table = None if self.palette is None else read_table(self.palette)
+        levels = label_levels(self.exemplar)
         level = self.labellevel or (table.level if table else None) or opened_level(levels)
         layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.fromplan)
         coarse = layered.coarse(facts.budget)

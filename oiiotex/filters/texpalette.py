@@ -81,8 +81,8 @@ class Palette(LabeledExemplar, InBands):
     def plan(self, facts: Facts) -> Plan:
         """The label map, the next finer one, and the width of the palette."""
         spec = self.exemplar.first.spec
-        labels = label_map(self.exemplar, self.labels, self.labellevel)
-        finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
+        labels = label_map(self.exemplar, self.labellevel)
+        finer = label_levels(self.exemplar).get(labels.level - 1)
         width = self.panel * (2 if finer is None else 2 + _CHILDREN)
         photo, in_memory = self.exemplar.first, self.holds_photo(facts)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)

@@ -26,9 +26,11 @@ class PatchMatch(PatchSynthesis):
     example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
-    maps: ClassVar[tuple[Image, ...]] = ()  # type: ignore[misc]  # the baseline has one
+    maps: ClassVar[tuple[Image, ...]] = ()  # type: ignore[misc]  # the baseline has one, of any pixels
     kinds: ClassVar[Words | None] = None  # type: ignore[misc]
     mapweights: ClassVar[Numbers | None] = None  # type: ignore[misc]
+    label: ClassVar[int | None] = None  # type: ignore[misc]
+    labellevel: ClassVar[int | None] = None  # type: ignore[misc]
 
     paper: bool = param(
         False,

@@ -26,7 +26,7 @@ from ..synthesis.exemplar.photo_lattice import Structured
 from ..synthesis.quality.judged_tries import Try, best_tried
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
-from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
+from ..synthesis.quilting.guide_map import meaning_of, read_table
 from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, fidelity_of_quilt, sewn_parts, sewn_whole
 from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
 from ..synthesis.quilting.quilter import Quilt
@@ -71,7 +71,6 @@ class Quilting(Reported, Quilted, Structured, Flattened):
         help='JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0": 3,'
         ' "0,0,255": [1, 2]}.',
     )
-    tolerance: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     planfile: Path | None = param(
         None, example="plan.npz", advanced=True, help="File (.npz) to write the plan (offsets and cuts) to."
     )
@@ -117,7 +116,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
     @property
     def _is_alone(self) -> bool:
         """Whether no labels decide the result."""
-        return not any((self.guide, self.labels, self.label, self.labellevel))
+        return not any((self.guide, self.label, self.labellevel))
 
     def _flat(self, resources: Resources) -> Quilting:
         """The op on the flattened photo, without its stains."""
@@ -143,7 +142,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
             raise ParameterError("guide conflicts with label; set only one of them")
         if self.palette is not None and self.guide is None:
             raise ParameterError("palette requires guide")
-        table = None if self.palette is None else read_table(self.palette, self.tolerance)
+        table = None if self.palette is None else read_table(self.palette)
         return Sewing(
             op=self, guide=self.guide, level=self.labellevel, size=self.size, patch=self.patch, structured=self,
             meaning=lambda there: meaning_of(present(self.guide).first, table, there),
@@ -151,9 +150,9 @@ class Quilting(Reported, Quilted, Structured, Flattened):
 
     def _stored(self, path: Path, facts: Facts) -> QuiltPlan:
         """The plan to render."""
-        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.planfile
+        planned = self.size, self.mask, self.guide, self.label, self.patch, self.planfile
         if any(value is not None for value in planned):
-            names = "size, patch, mask, label, labels, guide and planfile"
+            names = "size, patch, mask, label, guide and planfile"
             raise ParameterError(f"fromplan conflicts with {names}: the plan contains them")
         plan, size = QuiltPlan.load(path, facts.budget)
         spec = self.exemplar.first.spec

@@ -28,7 +28,7 @@ from ..surfaces.capture.homography import aspect_of, homography, require_quadran
 
 log = logging.getLogger("oiiotex")
 
-FILTERS = {"lanczos3": 6, "mitchell": 4, "triangle": 2}  # and their widths in px
+_FILTER, _FILTER_WIDTH = "lanczos3", 6  # px
 _INCH = 0.0254  # m
 _CELL = 512  # px; side of a piece that is computed at once
 _LATTICE_BYTES = 120  # for each pixel of the photo, while its lattice is searched
@@ -96,7 +96,6 @@ class Rectify(Gather):
         help="Width and height, in meters, of the area between `corners`; without `corners`, of one cell of the"
         " lattice, such as a brick or a tile.",
     )
-    filter: str = param("lanczos3", choices=tuple(FILTERS), help="Resampling filter.", advanced=True)
     st: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
     facts: Path | None = param(
         None, example="rectangle.json", advanced=True, help="JSON file for corners, size, cells, meters and the matrix."
@@ -210,7 +209,7 @@ class Rectify(Gather):
         near = functools.cache(lambda: part if part.ready else materialized(part, facts.budget))
 
         def piece(window: Window) -> np.ndarray:
-            wanted = warp_needs(inverse, window, FILTERS[self.filter], photo) & photo
+            wanted = warp_needs(inverse, window, _FILTER_WIDTH, photo) & photo
             if wanted.empty:
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
             facts.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
@@ -219,7 +218,7 @@ class Rectify(Gather):
             source.set_pixels(source.roi, pixels)
             target = oiio.ImageBuf(_floats(window, spec))
             roi = window.roi(spec.nchannels)
-            oiio.ImageBufAlgo.warp(target, source, values, self.filter, 0.0, False, "black", roi)
+            oiio.ImageBufAlgo.warp(target, source, values, _FILTER, 0.0, False, "black", roi)
             return in_type(resampled(pixels_of(target, oiio.FLOAT, roi), pixels, self.source.source), dtype)
 
         def fetch(window: Window) -> np.ndarray:

@@ -4,21 +4,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.core.image import Part
 from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Numbers, Size, param
 from ..engine.core.window import Window
-from ..engine.deferred import np
 from ..engine.errors import ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
-from ..surfaces.charts.drawing import shown_pixels
 from ..synthesis.multiscale.graph import LOOP_R, Graph
 from ..synthesis.multiscale.infinite_plane import Plane
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
@@ -26,8 +22,6 @@ from ..synthesis.multiscale.stacks import common_side
 from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.multiscale.zoom import Zoomed, views
 from ..synthesis.quality.report import REPORT, Quality
-
-_RATE = 24.0  # frames of a movie per second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +45,6 @@ class Zoom(Multiscale):
             Kind.PIXELS,
             "All channels, in the root's color space and type, with the display window at 0,0.",
         ),
-        Output("movie", Kind.MOVIE, "Zoom from this frame on, in sRGB.", asked_by="movie"),
         REPORT,
     )
 
@@ -81,10 +74,6 @@ class Zoom(Multiscale):
         help="Point X,Y to zoom into, in pixels of the root.",
     )
     size: Size | None = param(None, ge=1, le=1 << 16, unit="px", unset="the root's square", help="Size of the frame.")
-    movie: Path | None = param(
-        None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
-    )
-    count: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
 
     def single(self, name: str) -> Graph:
         """A graph of one exemplar with an edge to itself."""
@@ -103,9 +92,6 @@ class Zoom(Multiscale):
         graph, images = self.exemplars(facts)
         side = common_side(images, graph, facts, self.most_side)
         size = self.size or Size(side, side)
-        if self.movie and self.movie.suffix.lower() == ".gif":
-            need = 2 * self.count * size.width * size.height
-            facts.require(need, f"a GIF of {self.count} frames", "reduce count")
         return Plan(work=(quality, graph, images, size))
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
@@ -119,28 +105,15 @@ class Zoom(Multiscale):
         zoom = self._zoom(plane, number)
         side = 1 << plane.finest
         x, y = (Fraction(n) / side for n in self.center or (side / 2, side / 2))
-        last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
-        farthest = max(zoom, last)
-        if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
-            problem = f"more than 2^60 px away from 0,0 at {farthest:.6g} octaves"
+        if max(abs(x), abs(y)) * 2 ** math.ceil(zoom) > FARTHEST:
+            problem = f"more than 2^60 px away from 0,0 at {zoom:.6g} octaves"
             raise ParameterError(problem, parameter="center", value=self.center)
         maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.keeplayout, jitter=self.jitter), resources)
         whole = Window(0, 0, width, height)
-
-        def frame_at(zoom: float) -> Part:
-            shown = Zoomed(resources, plane, maker, views(zoom, (x, y), width, height), width, height)
-            spec = texture_spec(first.spec, whole, whole)
-            spec.attribute("oiiotex:zoom", zoom)
-            return Part(first.name, spec, shown.pixels, first.stored)
-
-        def frames() -> Iterator[np.ndarray]:
-            for n in range(self.count):
-                part = frame_at(self._zoom(plane, number + n))
-                yield np.rint(255 * shown_pixels(part.pixels(), part, resources)).astype(np.uint8)
-                progress.advance(n + 1, self.count)
-
-        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), _RATE)}
-        return with_report(quality, plane, results)
+        shown = Zoomed(resources, plane, maker, views(zoom, (x, y), width, height), width, height)
+        spec = texture_spec(first.spec, whole, whole)
+        spec.attribute("oiiotex:zoom", zoom)
+        return with_report(quality, plane, {"frame": Part(first.name, spec, shown.pixels, first.stored)})
 
     def _zoom(self, plane: Plane, number: int) -> float:
         """The zoom of a frame: octaves below level 0, where one pixel covers the root."""
@@ -152,8 +125,7 @@ class Zoom(Multiscale):
                 f" with frame {self.first} and speed={self.speed:.6g}"
             )
         deepest = plane.finest + plane.graph.depth()
-        asked = self.first if self.frame is None else self.frame
-        if number == asked and zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
+        if zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
             self.warn(
                 "frame %d is at %.6g octaves, but the finest exemplar ends at %d: its pixels repeat; for an endless"
                 " zoom, add an edge from an exemplar to itself",

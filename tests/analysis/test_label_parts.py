@@ -159,7 +159,7 @@ def test_a_run_can_be_stopped_and_says_how_far_it_is():
 
 
 def test_the_view_shows_photo_levels_and_tree(written):
-    done = oiiotex("a.exr", "--texlabelview:panel=128", "-o", "view.png", cwd=written)
+    done = oiiotex("a.exr", "--texlabelview", "-o", "view.png", cwd=written)
     assert done.returncode == 0, done.stderr
     view = oiio.ImageBuf(str(written / "view.png"))
     assert view.spec().nchannels == 3 and view.spec().width > 3 * 128

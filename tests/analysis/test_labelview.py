@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
 
 
 def view(folder, *words: str) -> np.ndarray:
-    done = oiiotex(*words, "--texlabelview:panel=128", "-o", "view.png", cwd=folder)
+    done = oiiotex(*words, "--texlabelview", "-o", "view.png", cwd=folder)
     assert done.returncode == 0, done.stderr
     return load(folder / "view.png").astype(int)
 

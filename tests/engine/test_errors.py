@@ -147,7 +147,7 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
         "histogram=0.5: conflicts with paper=1: expected histogram=1",
         "histogram=0.5: conflicts with paper=True: expected histogram=1",
     ),
-    "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
+    "switch": ("label:onepart=1", {"onepart": True}, "requires cryptomatte=1", "requires cryptomatte=True"),
     "labels": (
         "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:photo=1",
         "has no label parts; create them with filters.label(photo=True)",

@@ -100,7 +100,7 @@ def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
         noise = gaussian_filter(random.random((96, 96, 3)).astype(np.float32), (0.6, 0.6, 0))
         run = functools.partial(filters.dominant, buffer(noise), patch=15)
     else:
-        run = functools.partial(filters.content, photo, labels={"label.1": labels}, patch=16)
+        run = functools.partial(filters.content, {"photo": photo, "label.1": labels}, patch=16)
     run(session=Session())  # what is loaded once is loaded
     held, asked = peak_and_need(monkeypatch, lambda session: run(session=session))
     assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"

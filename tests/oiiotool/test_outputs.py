@@ -23,7 +23,7 @@ from oiiotex.engine.io.reading import read
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
-from tests.any_filter import PHOTO, buffer, named, of, operands, settings
+from tests.any_filter import PHOTO, buffer, image_of, named, of, operands, settings, with_labels
 from tests.conftest import oiiotex, save
 
 READ = {"palette", "graph", "draw", "fromplan", "mesh", "motion", "lights"}  # name files that the op reads
@@ -45,11 +45,9 @@ SIDE_FILES = [
 
 def used(op: type[Op], source: Image | None = None, **values: Any) -> Op:
     """One cheap use of the op, on a photo in halfs."""
-    given = [from_buffer(b) for b in operands(op, buffer(PHOTO, oiio.HALF))]
-    given[0] = source or given[0]
-    small = settings(op)
-    small |= {"labels": from_buffer(small["labels"])} if "labels" in small else {}
-    return op(**{**named(op, given), **small, **values})
+    given = [image_of(b) for b in operands(op, buffer(PHOTO, oiio.HALF))]
+    given[0] = with_labels(op, source) if source else given[0]
+    return op(**{**named(op, given), **settings(op), **values})
 
 
 @of(list(filters.FILTERS))

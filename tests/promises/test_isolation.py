@@ -27,7 +27,7 @@ MODULES = (
     "dataclasses", "traceback", "zoneinfo",
 )  # fmt: skip
 PROGRAMS = (
-    "oiiotool", "sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open",
+    "oiiotool", "sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "python3", "uname", "lscpu", "xdg-open",
 )  # fmt: skip
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n'
 
@@ -102,12 +102,6 @@ program("photo.png", "-o", "out.jpg")
     "oiiotool of the wheel": """
 program("--list-formats", "--buildinfo", "--colorconfiginfo")
 """,
-    "a movie": """
-from pathlib import Path
-import numpy as np
-from oiiotex.engine.io.movie import write_movie
-write_movie(Path(folder) / "z.mp4", [np.zeros((8, 8, 3), np.uint8)] * 2, 5)
-""",
     "a browser": """
 from oiiotex.engine.machine import forget_current_folder
 forget_current_folder()  # as every line does
@@ -145,9 +139,6 @@ def planted(tmp_path):
     """A folder full of what must not run, and the environment that asks for it where lists of folders do."""
     (tmp_path / "here").mkdir()
     (tmp_path / "bin").mkdir()
-    encoder = tmp_path / "bin" / "ffmpeg"
-    encoder.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
-    encoder.chmod(0o755)
     mark = plant(tmp_path / "here")
     with tempfile.TemporaryDirectory(prefix="oxi") as run:  # a short name: sockets' are
         Path(run).chmod(0o700)

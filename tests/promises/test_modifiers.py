@@ -16,7 +16,7 @@ from tools.modifiers import inputs_and_modifiers
 # inputs that are photos, masks or ids: an image that is the field of a quantity is named QUANTITYmap
 PICTURES = {
     "exemplar", "source", "photos", "shares", "plate", "tile", "maps", "materials",
-    "mask", "region", "mattes", "labels", "guide", "painting", "fine", "donor",
+    "mask", "region", "guide", "painting", "fine", "donor",
 }  # fmt: skip
 # outputs that come along with another, or cannot have the modifier's name: `label` is the id of a label
 ALONG = {

@@ -69,12 +69,12 @@ def shaped(op: type[Op], height: int, width: int, dice: np.random.Generator) -> 
     photo = buffer(dice.random((height, width, 3)))
     y, x = np.indices((height, width))
     labels = ids(1 + (x + y) % 3)
-    given = settings(op) | ({"labels": labels} if op.name in any_filter.LABELED else {})
+    given = settings(op)
     given.pop("corners", None)
     if any_filter.is_view(op):
         return [labels], given
-    if op.name in any_filter.PAINTINGS:
-        return [photo, labels], given
+    if op.name in any_filter.LABELED:
+        return [any_filter.labeled(photo, labels), labels][: len(op.images())], given
     if op.name in any_filter.REGIONS:
         return [photo, ids(x >= width // 2)], given
     if op.name in any_filter.PLATES:

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.core.image import Image
 from oiiotex.engine.core.op import Op, Plan, no_pixels
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.opencl import device_choice
@@ -17,7 +16,7 @@ from oiiotex.engine.run import is_provisional, planned, run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
 from oiiotex.engine.session.settings import Settings
-from tests.any_filter import PHOTO, buffer, named, of, operands, settings
+from tests.any_filter import PHOTO, buffer, image_of, named, of, operands, settings
 
 
 def used(op: type[Op], *, pixels: bool, **more: object) -> Op:
@@ -27,11 +26,8 @@ def used(op: type[Op], *, pixels: bool, **more: object) -> Op:
         parts = (part if pixels else dataclasses.replace(part, fetch=no_pixels) for part in image.parts)
         return Image(tuple(parts), image.source)
 
-    given = named(op, [blind(from_buffer(one)) for one in operands(op, buffer(PHOTO))])
-    values = settings(op) | more
-    if isinstance(values.get("labels"), oiio.ImageBuf):
-        values["labels"] = blind(from_buffer(values["labels"]))
-    return op(**given, **values)
+    given = named(op, [blind(image_of(one)) for one in operands(op, buffer(PHOTO))])
+    return op(**given, **(settings(op) | more))
 
 
 @of(list(filters.FILTERS))

@@ -35,6 +35,7 @@ from tests.any_filter import (
     copying_filters,
     every_filter,
     image_kind,
+    image_of,
     is_view,
     named,
     of,
@@ -42,6 +43,7 @@ from tests.any_filter import (
     pixels,
     quarters,
     settings,
+    with_labels,
 )
 from tests.conftest import load, oiiotex
 from tests.refusals import refused
@@ -81,13 +83,16 @@ def test_a_seed_is_a_promise(op):
 @pytest.mark.slow
 @every_filter
 def test_threads_and_budget_do_not_show(op, tmp_path):
-    inputs = []
+    inputs: list[str] = []
+    quarters().write(str(tmp_path / "labels.tif"))
+    append = "labels.tif", "--attrib", "oiio:subimagename", "label.1", "--siappend"
     for n, image in enumerate(operands(op, buffer(PHOTO))):
+        inputs += append if n == 1 and op.name in LABELED else ()
+        image = image["photo"] if isinstance(image, dict) else image
         inputs.append(f"in{n}{'.exr' if image.spec().format == oiio.FLOAT else '.tif'}")
         assert image.write(str(tmp_path / inputs[-1])), image.geterror()
-    quarters().write(str(tmp_path / "labels.tif"))
-    given = settings(op, seed=5) | ({"labels": "labels.tif"} if op.name in LABELED else {})
-    modifiers = "".join(f":{k}={v}" for k, v in given.items())
+    inputs += append if len(inputs) == 1 and op.name in LABELED else ()
+    modifiers = "".join(f":{k}={v}" for k, v in settings(op, seed=5).items())
     found = set()
     for n, more in enumerate((["--threads", "1"], ["--threads", "2"], ["--cache", "600"])):
         done = oiiotex(*inputs, f"{op.flag()}{modifiers}", *more, "-o", f"{n}.exr", cwd=tmp_path)
@@ -117,12 +122,9 @@ def test_any_window_is_the_whole_cropped(op, tmp_path):
         spec.tile_width, spec.tile_height = tile
         out = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
         assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
-        first, others = read(tmp_path / "a.exr"), operands(op, buffer(PHOTO))[1:]
+        first, others = with_labels(op, read(tmp_path / "a.exr")), operands(op, buffer(PHOTO))[1:]
         images = named(op, [first, *(first if op.name in SEVERAL else from_buffer(one) for one in others)])
-        given = settings(op)
-        if op.name in LABELED:
-            given["labels"] = from_buffer(given["labels"])
-        part = run(op(**images, **given), Session(threads=threads))[0].image.first
+        part = run(op(**images, **settings(op)), Session(threads=threads))[0].image.first
         if whole is None:
             whole = part.read(part.window)
         np.testing.assert_array_equal(part.read(part.window), whole)
@@ -311,7 +313,7 @@ def watched(photo: np.ndarray, asked: list[Window], space: str = "srgb_rec709_sc
 def made_of(op: type[Op], photo: Image) -> Part:
     """The op's image, of the photo and what else it takes."""
     others = map(from_buffer, operands(op, buffer(PHOTO))[1:])
-    images = named(op, [photo, *(photo if op.name in SEVERAL else one for one in others)])
+    images = named(op, [with_labels(op, photo), *(photo if op.name in SEVERAL else one for one in others)])
     return run(op(**settings(op), **images), Session(threads=2))[0].image.first
 
 
@@ -357,8 +359,7 @@ def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
 @of([op for op in COLOR if issubclass(op, Gather) and op.name != "composite"])  # which holds the map that it grows
 def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
-    images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
-    images |= {"labels": from_buffer(quarters())} if op.name in LABELED else {}
+    images = dict(zip((i.name for i in op.images()), map(image_of, operands(op, buffer(PHOTO))), strict=True))
     small = settings(op, size=(12288, 60)) | images
     part = run(op(**small), Session(budget=8 << 20))[0].image.first
     assert part.read(Window(12000, 0, 12288, 32)).shape == (32, 288, 3)  # its floats alone would be 8.8 MB

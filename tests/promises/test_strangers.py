@@ -71,7 +71,7 @@ def test_errors_and_warnings_are_one_line(caplog):
 @pytest.mark.parametrize("line", [
     "pipe -o o.exr", "a.png --ociofiletransform pipe -o o.exr", "a.png --iccread pipe -o o.exr",
     "a.png --texquilt:mask=pipe -o o.exr", "a.png --texquilt:size=32x32 -o o.exr --texquilt:guide=pipe -o p.exr",
-    "a.png --texpalette:labels=pipe -o o.exr",
+    "a.png --texpreview:exemplar=pipe -o o.exr",
 ])  # fmt: skip
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path, picture, line):
     os.mkfifo(tmp_path / "pipe")
@@ -108,7 +108,7 @@ def planted(folder: Path) -> Path:
     for name in names:
         code = f"open({str(mark)!r}, 'a').write({name!r} + chr(10)); raise SystemExit(9)"
         (folder / f"{name}.py").write_text(code)
-    for name in ("ffmpeg", "ld", "ld.lld", "cc", "gcc", "clang", "zig", "python", "python3", "git", "sh"):
+    for name in ("ld", "ld.lld", "cc", "gcc", "clang", "zig", "python", "python3", "git", "sh"):
         (folder / name).write_text(f"#!/bin/sh\necho {name} >> {mark}\n")
         (folder / name).chmod(0o755)
     (folder / "sitecustomize.py").write_text(f"open({str(mark)!r}, 'a').write('site')")
@@ -124,7 +124,7 @@ def test_nothing_that_lies_in_the_current_folder_runs(tmp_path, picture):
     environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # the device is tried, and kernels are built and linked
     for line in (
         "a.png --texstationarize:iterations=1:size=24x24:report=r.json -o t.exr"
-        " a.png --texsynth:size=16x16 -o s.exr --texzoom:movie=z.gif:count=2:size=16x16 -o f.exr"
+        " a.png --texsynth:size=16x16 -o s.exr --texzoom:size=16x16 -o f.exr"
         " a.png --texlabel:coarsest=none -o l.exr a.png --text hello --ociodisplay default default -o d.png",
         "--frames 1-2 --parallel-frames a.png --mulc 0.5 -o p.#.png",
         "--devices -v",

@@ -23,6 +23,11 @@ def test_no_phrase_has_to_be_decoded():
     assert not found, "\n".join(found)
 
 
+def test_no_file_has_marks_of_a_merge():
+    marked = [str(path) for path in plain_words.files() if re.search(r"^(<{7}|>{7}) ", path.read_text(), re.MULTILINE)]
+    assert not marked, marked
+
+
 def test_phrases_are_found(tmp_path):
     (tmp_path / "a.py").write_text(
         '"""A size; when left out 5."""\nx = 1  # made anew\nsay = "behind it"\nbehind = 2\n'

@@ -71,10 +71,19 @@ def test_all_of_a_plain_photo_may_be_taken():
 
 
 def test_a_level_alone_says_nothing_but_to_what_looks_labels_up():
-    with pytest.raises(ParameterError, match="labellevel and labels require label"):
+    with pytest.raises(ParameterError, match="labellevel=1: requires label"):
         Cut(exemplar=photo(LABELS), labellevel=1).plan(Session().resources)
     usable = Quilting(exemplar=photo(LABELS), labellevel=1).read(Session().resources).usable
     np.testing.assert_array_equal(usable, THERE)
+
+
+def test_a_single_part_of_ids_is_a_label_map_and_two_need_names():
+    """`labels.tif --siappend` appends it; formats without part names number parts."""
+    ids = dataclasses.replace(LABELS, name="subimage01")
+    usable = Cut(exemplar=photo(ids), label=1).read(Session().resources).usable
+    np.testing.assert_array_equal(usable, THERE & UPPER & (np.indices((64, 72))[1] < 36))
+    with pytest.raises(ImageError, match="has no label parts"):
+        Cut(exemplar=photo(ids, dataclasses.replace(ids, name="subimage02")), label=1).plan(Session().resources)
 
 
 def test_what_leaves_nothing_is_refused():

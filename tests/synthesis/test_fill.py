@@ -29,7 +29,7 @@ from oiiotex.synthesis.patchmatch.field import Geometry
 from oiiotex.synthesis.projections.histograms import OUTSIDE
 from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tests import pictures
-from tests.any_filter import buffer, ids, pixels
+from tests.any_filter import buffer, ids, labeled, pixels
 from tests.conftest import load, oiiotex, save
 from tests.refusals import refused
 
@@ -222,12 +222,12 @@ def test_all_maps_come_from_the_same_pixels():
 def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     x = np.indices((96, 112))[1]
     labels = ids(1 + (x > 40) + (x > 80).astype(int))
-    found = pixels(filters.fill(buffer(PHOTO), labels=labels, replace=2, label=3, st=True, **QUICK)["st"])
+    found = pixels(filters.fill(labeled(buffer(PHOTO), labels), replace=2, label=3, st=True, **QUICK)["st"])
     columns = np.floor(found[..., 0] * 112).astype(int)
     assert (columns[:, 41:81] > 80).all()
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
     with pytest.raises(errors.ParameterError, match="label=9: not in"):
-        filters.fill(buffer(PHOTO), labels=labels, replace=2, label=9, **QUICK)
+        filters.fill(labeled(buffer(PHOTO), labels), replace=2, label=9, **QUICK)
     with pytest.raises(errors.ParameterTypeError, match=r"2 images.* 1$"):
         filters.fill(buffer(PHOTO), None)
 
@@ -244,13 +244,13 @@ def cryptomatte(name: str, where: np.ndarray) -> oiio.ImageBuf:
 
 
 def test_an_object_of_a_cryptomatte_is_replaced():
-    mattes = cryptomatte("chair", HOLE)
+    photo = {"photo": buffer(PHOTO), "mattes": cryptomatte("chair", HOLE)}
     whole = pixels(made())
     for name in ("chair", f"{hashed('chair'):08x}"):
-        np.testing.assert_array_equal(pixels(filters.fill(buffer(PHOTO), mattes=mattes, matte=name, **QUICK)), whole)
+        np.testing.assert_array_equal(pixels(filters.fill(photo, matte=name, **QUICK)), whole)
     with refused(errors.ParameterError, parameter="matte", value="chiar", expected="a name such as chair"):
-        filters.fill(buffer(PHOTO), mattes=mattes, matte="chiar")
-    with pytest.raises(errors.ImageError, match="has no Cryptomatte channels; name its file with mattes="):
+        filters.fill(photo, matte="chiar")
+    with pytest.raises(errors.ImageError, match="has no Cryptomatte channels; append the parts"):
         filters.fill(buffer(PHOTO), matte="chair")
 
 
@@ -290,7 +290,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN, {"mask": mask(STAIN)}, "no source pixels remain: all are transparent, or excluded"),
         (STAIN, {"mask": mask(STAIN), "donor": buffer(OTHER)}, "mask is 112x96, but the source is 64x80: expected"),
         (STAIN, {"donor": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
-        (STAIN, {"labellevel": 1}, "labellevel and labels require replace or label"),
+        (STAIN, {"labellevel": 1}, "labellevel=1: requires replace or label"),
         (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),
         (
             STAIN,

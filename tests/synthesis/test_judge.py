@@ -14,7 +14,7 @@ from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, fidelity
 from oiiotex.synthesis.quality.repetition import salience, slow_waves, texture_waves
 from oiiotex.synthesis.quality.wholeness import cuts, turning, unexplained
 from tests import pictures
-from tests.any_filter import buffer, quarters
+from tests.any_filter import buffer, labeled, quarters
 
 SIDE = 192
 TORUS = (True, True)
@@ -151,8 +151,8 @@ def test_paintings_compositions_and_fills_are_not_judged_by_the_photo(measure):
     region = np.zeros((64, 64), np.float32)
     region[20:30, 20:30] = 1
     for make in (
-        lambda: filters.paint(photo, quarters(), labels=quarters(), patch=16, fail=[measure]),
-        lambda: filters.composite(photo, labels=quarters(), patch=16, fail=[measure]),
+        lambda: filters.paint(labeled(photo), quarters(), patch=16, fail=[measure]),
+        lambda: filters.composite(labeled(photo), patch=16, fail=[measure]),
         lambda: filters.fill(photo, buffer(region[..., None], space=""), fail=[measure]),
     ):
         with pytest.raises(errors.ParameterError, match="is not measured for this result"):

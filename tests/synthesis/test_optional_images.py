@@ -67,8 +67,8 @@ def test_part_stack_file_and_keyword_are_the_same(folder):
     [
         ((f"{OP}:mask=nope",), "neither a part (the image has part0) nor a file"),
         ((f"{OP}:mask=1",), "expected 2 image(s) on the stack, found 1"),
-        ((f"{OP}:label=1",), "no label parts"),
-        ((f"{OP}:labellevel=1",), "labellevel and labels require label"),
+        (("--texcut:label=1",), "no label parts"),
+        (("--texcut:labellevel=1",), "labellevel=1: requires label"),
         (("left.png", "--resize", "30x30", f"{OP}:mask=1"), "mask is 30x30, but the exemplar is 72x64"),
         (("left.png", "--mulc", "0", f"{OP}:mask=1"), "mask selects no pixel"),
         ((f"{OP}:masc=1",), "did you mean 'mask'"),

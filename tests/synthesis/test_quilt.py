@@ -58,13 +58,14 @@ def test_a_guide_of_ids_is_followed():
     assert (label_under(made) == full)[inside].mean() > 0.9
 
 
-def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
+def test_a_guide_of_colors_means_what_the_table_says(tmp_path, monkeypatch):
     colors = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     guide = buffer(colors[GUIDE], oiio.UINT8, "")
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
-    values = {"size": (400, 240), "st": True, "guideweight": 0.0, "freeuses": 1e9}
+    monkeypatch.setattr(quilt_job, "FREE_USES", 1e9)
+    values = {"size": (400, 240), "st": True, "guideweight": 0.0}
     made = filters.quilt(labeled(), guide=guide, palette=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
@@ -146,7 +147,6 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"guide": ids(GUIDE), "palette": "absent.json"}, "cannot be read .*: expected a file of"),
         ({"label": 9}, "label=9: not in label.2, whose ids are 1 to 3"),
         ({"labellevel": 3}, "labellevel=3: expected one of 1, 2"),
-        ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, but the exemplar is 160x144"),
         ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, but the exemplar is 160x144"),
         ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px; use patch=72"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
@@ -161,6 +161,11 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
 def test_what_is_wrong_is_said(values, said):
     with pytest.raises(errors.Error, match=said):
         filters.quilt(labeled(), **values)
+
+
+def test_a_label_map_of_another_size_is_refused():
+    with pytest.raises(errors.ImageError, match=r"label.1 is 160x143, but the exemplar is 160x144"):
+        filters.quilt({"photo": buffer(PHOTO), "label.1": ids(LABELS[:-1])}, label=1)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from oiiotex.synthesis.quality import lost_structure, patch_texture, report
 from oiiotex.synthesis.quality.report import SCHEMA
 from oiiotex.synthesis.quality.report_measures import REPORT_MEASURES
 from tests import pictures
-from tests.any_filter import buffer, pixels, quarters
+from tests.any_filter import buffer, labeled, pixels, quarters
 from tests.conftest import oiiotex, save
 from tests.refusals import refused
 
@@ -36,14 +36,13 @@ ALWAYS = {"cost", "cost_photo", "loss"}
 LIKE = {"fidelity", "band_96", "band_48", "band_24", "shapes", "lines", "missing"}  # of what is to look like the photo
 OF_TILES = LIKE | COPIES | {"broken"}
 LOSSES = {"textured", "textured_photo", "regular", "regular_photo"}  # the photo is of bricks
-LABELS = {"labels": quarters(), "patch": 16}
 MADE = {  # what is measured beside what always is, and how it is made
     "stationarize": (OF_TILES | SEAMS | LOSSES, lambda **more: filters.stationarize(buffer(PHOTO), **QUICK, **more)),
     "patchmatch": (OF_TILES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
     "quilt": (OF_TILES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
     "cut": (OF_TILES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
-    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), **LABELS, **more)),
-    "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
+    "composite": (COPIES, lambda **more: filters.composite(labeled(buffer(PHOTO)), size=(80, 72), patch=16, **more)),
+    "paint": (COPIES | PAINTED, lambda **more: filters.paint(labeled(buffer(PHOTO)), quarters(), patch=16, **more)),
     "synth": (
         OF_TILES | SEAMS,
         lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tiles="xy", exemplarside=64, **more),

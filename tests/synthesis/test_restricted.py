@@ -163,11 +163,11 @@ def test_parts_that_stay_are_said_in_one_line_and_labels_are_not(caplog):
     parts = {"photo": buffer(PHOTO), "label.1": ids, "m": buffer(stripes(30)[..., None] * 1.0)}
     more = {"depth": buffer(PHOTO), "normals": buffer(PHOTO)}
     with caplog.at_level(logging.WARNING, "oiiotex"):
-        filters.patchmatch(parts, mask="m", label=1, iterations=1)
+        filters.cut(parts, mask="m", label=1, size=(40, 40))
         assert not caplog.records
-        filters.patchmatch({**parts, **more}, mask="m", label=1, iterations=1)
+        filters.cut({**parts, **more}, mask="m", label=1, size=(40, 40))
     assert [r.getMessage() for r in caplog.records] == [
-        "--texpatchmatch: only the first part of photo is used; ignored: depth, normals"
+        "--texcut: only the first part of photo is used; ignored: depth, normals"
     ]
 
 

@@ -23,7 +23,9 @@ from tools.docs import notebook, stubs
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
 SHARED = "shared_modifiers.md"  # next to the filters' pages
-_ALIKE = 3  # filters that declare a modifier alike, from which on it is described once
+_IMAGE = "1 (the next image"  # values of an image, as on the page of shared modifiers
+_LONG = 200  # characters of modifiers in a row
+_ALIKE = 2  # filters that declare a modifier alike, from which on it is described once
 
 
 def page_text(op: type[Op], path: Path) -> str:
@@ -47,12 +49,7 @@ def page_text(op: type[Op], path: Path) -> str:
     advanced = _table([p for p in own if p.advanced], say)
     if advanced:
         heading = ['<details markdown="1">', "<summary>Advanced modifiers</summary>", ""]
-        lines += [
-            *heading,
-            *(line for line in advanced if line not in lines or not line.startswith("*image*")),
-            "</details>",
-            "",
-        ]
+        lines += [*heading, *advanced, "</details>", ""]
     lines += _outputs([o for o in op.outputs if o.text not in _shared_outputs()], say)
     lines += [
         f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}`.",
@@ -71,7 +68,9 @@ def shared_text() -> str:
         "Modifiers that several filters have. `oiiotex --help :NAME` lists the filters of one.",
         "",
     ]
-    return "\n".join([*lines, *_table(modifiers, str), *_outputs(list(_shared_outputs().values()), str)])
+    image = next(p.allowed() for p in modifiers if p.allowed().startswith(_IMAGE))
+    outputs = _outputs(list(_shared_outputs().values()), str)
+    return "\n".join([*lines, *_table(modifiers, str), f"*image*: {image}.", "", *outputs])
 
 
 def _outputs(outputs: Sequence[Output], say: Callable[[str], str]) -> list[str]:
@@ -83,7 +82,7 @@ def _outputs(outputs: Sequence[Output], say: Callable[[str], str]) -> list[str]:
 def _looks(parameter: Parameter) -> tuple[str, ...]:
     """What a page says of a modifier."""
     p = parameter
-    return p.name, p.help, p.allowed(), p.default_text, p.sample or ""
+    return p.name, p.help, p.allowed(), p.default_text
 
 
 @functools.cache
@@ -108,17 +107,15 @@ def _is_shared(parameter: Parameter) -> bool:
 
 
 def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
-    """A table of modifiers with values, defaults and examples."""
-    rows, notes = [], ""
+    """A table of modifiers with values and defaults."""
+    rows = []
     for p in modifiers:
-        values = p.allowed()
-        if values.startswith("1 (the next image"):
-            values, notes = "image", f"*image*: {values}."
+        values = f"[image]({SHARED})" if p.allowed().startswith(_IMAGE) else p.allowed()
         text = say(p.help).replace("docs/reference/report.md", "[reports](../report.md)")
-        cells = (f"`{p.name}`", text, values, p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
+        cells = (f"`{p.name}`", text, values, p.default_text)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    heading = ["| modifier | description | values | default | example |", "|---|---|---|---|---|"]
-    return [*heading, *rows, "", *([notes, ""] if notes else [])] if rows else []
+    heading = ["| modifier | description | values | default |", "|---|---|---|---|"]
+    return [*heading, *rows, ""] if rows else []
 
 
 def _by_hand(path: Path) -> str:
@@ -133,7 +130,7 @@ def language_text() -> str:
         if ops and ops[0].prefix != Op.prefix:
             lines += [f"## {heading}", "", "| op | modifiers | |", "|---|---|---|", *map(_op_row, ops), ""]
     for heading, options in LANGUAGE.groups.items():
-        lines += [f"## {heading}", "", "| option | modifiers | |", "|---|---|---|", *map(_option_row, options), ""]
+        lines += [f"## {heading}", "", "| option | modifiers | |", "|---|---|---|", *_option_rows(options), ""]
     lines += ["## Options of oiiotool that are not available", "", "| option | why |", "|---|---|"]
     lines += [f"| `{refused.name}` | {refused.reason} |" for refused in LANGUAGE.refused]
     return "\n".join(lines) + "\n"
@@ -145,10 +142,16 @@ def _op_row(op: type[Op]) -> str:
     return f"| `{call}` | {', '.join(own)} | {description(op).splitlines()[0]} |"
 
 
-def _option_row(option: Option) -> str:
-    modifiers = [p.name for p in declared(option.modifiers)[1]] if option.modifiers else []
-    text = option.help.replace("|", "\\|")
-    return f"| `{' '.join((option.name, *option.arguments))}` | {', '.join(modifiers)} | {text} |"
+def _option_rows(options: Sequence[Option]) -> list[str]:
+    """A row for each option; many modifiers that two options share are listed once."""
+    rows, listed = list[str](), dict[str, str]()
+    for option in options:
+        modifiers = ", ".join(p.name for p in declared(option.modifiers)[1]) if option.modifiers else ""
+        first = listed.setdefault(modifiers, option.name)
+        own = f"as `{first}`" if first != option.name and len(modifiers) > _LONG else modifiers
+        text = option.help.replace("|", "\\|")
+        rows.append(f"| `{' '.join((option.name, *option.arguments))}` | {own} | {text} |")
+    return rows
 
 
 def main() -> None:

@@ -50,7 +50,6 @@ class Kind(enum.Enum):
     PICTURE = "8-bit sRGB picture"
     TABLE = "JSON"
     ARRAYS = ".npz"
-    MOVIE = "GIF or MP4"
     PAINTS = ".gpl or .aco"
     MESH = ".obj"
 
@@ -67,7 +66,7 @@ class Kind(enum.Enum):
     @property
     def is_image(self) -> bool:
         """Whether it can be a part of an image."""
-        return self not in (Kind.TABLE, Kind.ARRAYS, Kind.MOVIE, Kind.PAINTS, Kind.MESH)
+        return self not in (Kind.TABLE, Kind.ARRAYS, Kind.PAINTS, Kind.MESH)
 
 
 @dataclass(frozen=True)
@@ -368,7 +367,7 @@ class Op:
 
         Outputs are: for an image, an `image.Part`, which may be computed when it is read; for a picture, (height,
         width, 3) sRGB values, 8-bit or floats in 0 .. 1, or an 8-bit part; for a table, values that JSON can hold; for
-        arrays, a dict by name; for a movie, (frames of 8-bit sRGB, frames per second); for paints, a list of
+        arrays, a dict by name; for paints, a list of
         `io.paint_palette.Paint`; for a mesh, its text; for Cryptomatte, its label maps. An output may also be a
         callable without arguments, which is called if the output is requested. An `image.Image` alone is the op's
         image with all its parts.

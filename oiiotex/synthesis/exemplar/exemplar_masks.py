@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ...engine.color.config import as_float
 from ...engine.core.demand import bands
-from ...engine.core.image import Image, Part, channels_of, cropped, dtype_of, from_pixels, spec_beside
+from ...engine.core.image import Image, Part, channels_of, cropped, from_pixels, spec_beside
 from ...engine.core.label_map import LabelMap, holds_ids, label_maps, opened_level
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
@@ -20,30 +20,28 @@ def masked_pixels(mask: Image, exemplar: Image, name: str = "the exemplar") -> n
     return allowed
 
 
-def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, LabelMap]:
-    """Label maps by level, 1 the finest: parts label.N of `labels` or of the exemplar, or a single part of ids."""
-    holder = labels or exemplar
-    levels = label_maps(holder)
-    whole_numbers = np.issubdtype(dtype_of(holder.first.spec), np.integer)
-    if not levels and (holds_ids(holder.first) or (labels is not None and whole_numbers)):
-        levels = {1: LabelMap(holder.first, 1)}
+def label_levels(exemplar: Image) -> dict[int, LabelMap]:
+    """Label maps by level, 1 the finest: the exemplar's parts label.N, or its only part of ids."""
+    levels, ids = label_maps(exemplar), [part for part in exemplar.parts if holds_ids(part)]
+    if not levels and len(ids) == 1:
+        levels = {1: LabelMap(ids[0], 1)}
     if not levels:
         raise ImageError(
             "has no label parts",
-            subject=holder.source,
-            hint=f"create them with {texture_filter('label', photo=True)}, or provide them with labels=",
+            subject=exemplar.source,
+            hint=f"create them with {texture_filter('label', photo=True)}, or append parts label.N",
         )
     for one in levels.values():
         size, wanted = ((p.spec.width, p.spec.height) for p in (one.part, exemplar.first))
         if size != wanted:
             sizes = f"{size[0]}x{size[1]}, but the exemplar is {wanted[0]}x{wanted[1]}"
-            raise ImageError(f"labels is {sizes}: sizes must match")
+            raise ImageError(f"{one.part.name} is {sizes}: sizes must match")
     return levels
 
 
-def label_map(exemplar: Image, labels: Image | None, level: int | None) -> LabelMap:
+def label_map(exemplar: Image, level: int | None) -> LabelMap:
     """The label map of a level, by default `opened_level`; raises as `label_levels` does, or ParameterError."""
-    levels = label_levels(exemplar, labels)
+    levels = label_levels(exemplar)
     level = opened_level(levels) if level is None else level
     if level not in levels:
         raise ParameterError(parameter="labellevel", value=level, expected=f"one of {', '.join(map(str, levels))}")

@@ -29,7 +29,6 @@ Found = TypeVar("Found")
 
 EXEMPLAR = "Photo. Where labels are used, with the label maps that `label` with `photo` creates."
 MASK = "Image that marks the valid source pixels (first channel above half its range, or a nonzero label id)."
-LABELS = "Label maps of the exemplar, if they are not stored as its parts."
 LABEL = "Id of a label in the exemplar's label maps. Only pixels of that label are used as a source."
 LEVEL = "Level of the label maps: N selects the part label.N. 1 is the finest."
 COARSEST = "the coarsest with several labels"
@@ -70,7 +69,6 @@ class LabeledExemplar(Op):
 
     exemplar: Image = image(help=EXEMPLAR)
     mask: ClassVar[Image | None] = None  # as an `ExemplarOp` takes it
-    labels: Image | None = image(None, help=LABELS, advanced=True)
     label: ClassVar[int | None] = None
     labellevel: int | None = param(None, example="2", ge=1, unset=COARSEST, help=LEVEL, advanced=True)
     data: bool = param(False, help=DATA, advanced=True)
@@ -80,7 +78,7 @@ class LabeledExemplar(Op):
     def require_readable(self, facts: Facts) -> None:
         """Refuse inputs that `read` would refuse whatever their pixels are."""
         if self.label is not None:
-            label_map(self.exemplar, self.labels, self.labellevel)
+            label_map(self.exemplar, self.labellevel)
         if self.mask is not None:
             laid_over(self.mask.first, self.exemplar, "mask")
         self.require_seen(facts)
@@ -119,7 +117,7 @@ class LabeledExemplar(Op):
         """Source pixels that mask and label allow; None: all."""
         allowed = None if self.mask is None else masked_pixels(self.mask, self.exemplar)
         if self.label is not None:
-            labels = label_map(self.exemplar, self.labels, self.labellevel)
+            labels = label_map(self.exemplar, self.labellevel)
             allowed = both(labeled_pixels(labels, self.label), allowed)
         if allowed is not None and not allowed.any():
             raise ImageError(f"mask and label have no pixel of {self.exemplar.source} in common")
@@ -143,8 +141,8 @@ class ExemplarOp(LabeledExemplar):
 
     def require_readable(self, facts: Facts) -> None:
         """Also refuses a level without a label."""
-        if self.label is None and (self.labellevel is not None or self.labels is not None):
-            raise ParameterError("labellevel and labels require label")
+        if self.label is None and self.labellevel is not None:
+            raise ParameterError("requires label", parameter="labellevel", value=self.labellevel)
         super().require_readable(facts)
 
 

@@ -15,16 +15,12 @@ if TYPE_CHECKING:
     from ...engine.core.image import Image
 
 
-def require_region(
-    photo: Image, region: Image | None, labels: Image | None, label: int | None, level: int | None,
-    mattes: Image | None, matte: str | None,
-) -> None:  # fmt: skip
+def require_region(photo: Image, region: Image | None, label: int | None, level: int | None, matte: str | None) -> None:
     """Refuse what `marked_pixels` would refuse whatever the pixels are."""
     if label is not None:
-        label_map(photo, labels, level)
+        label_map(photo, level)
     elif matte is not None:
-        if mattes is not None:
-            laid_over(mattes.first, photo, "mattes")
+        return  # pixels tell whether the photo has it
     elif region is None:
         raise ImageError("requires a region: an image that marks the pixels to replace, replace= or matte=")
     else:
@@ -32,9 +28,8 @@ def require_region(
 
 
 def marked_pixels(
-    photo: Image, region: Image | None, labels: Image | None, replaced: int | None, level: int | None,
-    mattes: Image | None, matte: str | None,
-) -> np.ndarray:  # fmt: skip
+    photo: Image, region: Image | None, replaced: int | None, level: int | None, matte: str | None
+) -> np.ndarray:
     """The pixels to replace, (height, width) bool, from exactly one of `region`, `replaced` (a label) and `matte`.
 
     Raises
@@ -45,13 +40,14 @@ def marked_pixels(
         No pixel has the label, or the matte covers none.
     """
     if replaced is not None:
-        return labeled_pixels(label_map(photo, labels, level), replaced, "replace")
+        return labeled_pixels(label_map(photo, level), replaced, "replace")
     if matte is not None:
-        if mattes is None and not any(matte_channels(part.spec) for part in photo.parts):
-            raise ImageError("has no Cryptomatte channels", subject=photo.source, hint="name its file with mattes=")
-        window, holder = photo.first.window, mattes or photo
+        if not any(matte_channels(part.spec) for part in photo.parts):
+            hint = "append the parts of the file that has them (--siappend)"
+            raise ImageError("has no Cryptomatte channels", subject=photo.source, hint=hint)
+        window = photo.first.window
         covered = np.zeros((window.height, window.width), bool)
-        own, coverage = coverage_of(holder, matte)
+        own, coverage = coverage_of(photo, matte)
         own = own if Window(0, 0, *own.size) != own or own.size != window.size else window
         shared = own & window
         covered[shared.inside(window)] = coverage[shared.inside(own)] > 0

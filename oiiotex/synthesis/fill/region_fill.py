@@ -88,7 +88,7 @@ class RegionFill:
         self._photos = op.all_maps()
         self._sources = op.source_maps()
         self._other = op.donor is not None
-        given = op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
+        given = op.exemplar, op.region, op.replace, op.labellevel, op.matte
         with resources.stats.time("read and color"):
             self._marked = marked_pixels(*given)
         self._tiling = tiling = op.tiled or tiling_of(op.exemplar.first.spec)
@@ -240,7 +240,7 @@ class RegionFill:
         name = "the source" if self._other else "the exemplar"
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0], name)
         if op.label is not None:
-            labels = label_map(op.donor or op.exemplar, None if self._other else op.labels, op.labellevel)
+            labels = label_map(op.donor or op.exemplar, op.labellevel)
             allowed = both(labeled_pixels(labels, op.label), allowed)
         usable = both(clear, allowed)
         if not self._other:

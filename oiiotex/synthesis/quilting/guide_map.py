@@ -31,6 +31,7 @@ SAMPLES = 16  # of the guide along a side of a cell, for its histogram
 _NAMED = 5  # maximum number of colors in an error
 _ROWS = 32  # rows of a guide to search for its labels
 _FAR = 2**53  # largest id that a float holds exactly
+_NEAR = 0.2  # distance in Oklab up to which a color is taken for the nearest one: blends of soft brushes lie within it
 _LEAST = 0.01  # labels with a smaller share are ignored when the patch size is chosen
 
 
@@ -46,28 +47,25 @@ class Meaning:
         (k1, k2) of each code.
     pure : (n,) bool
         The code names a single label, and so also its place inside a cell.
-    tolerance : float
-        Largest distance in Oklab at which a color counts as one of `codes`.
     """
 
     codes: np.ndarray
     keys: np.ndarray
     pure: np.ndarray
     colors: bool
-    tolerance: float = 0.0
 
     def name(self, code: int) -> str:
         """A code as written in a table."""
         return color_of(code) if self.colors else str(code)
 
     def find(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Index of each code in `codes`, or of the nearest color within `tolerance`, and a mask of those without."""
+        """Index of each code in `codes`, or of the nearest color within `_NEAR`, and a mask of those without."""
         place = np.minimum(np.searchsorted(self.codes, codes), len(self.codes) - 1)
         stray = self.codes[place] != codes
-        if self.colors and self.tolerance and stray.any():
+        if self.colors and stray.any():
             others, inverse = np.unique(codes[stray], return_inverse=True)
             distance, nearest = self._nearest.query(oklab_of(others))
-            place[stray], stray[stray] = nearest[inverse], (distance > self.tolerance)[inverse]
+            place[stray], stray[stray] = nearest[inverse], (distance > _NEAR)[inverse]
         return place, stray
 
     @functools.cached_property
@@ -82,11 +80,7 @@ class Meaning:
         worst = sorted(met, key=lambda code: (-met[code].count, code))
         named = ", ".join(f"{self.name(code)} ({met[code].text(unit)})" for code in worst[:_NAMED])
         more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-        limit = (
-            f" (farther than tolerance={self.tolerance:g} from every color of the table)"
-            if self.colors and self.tolerance
-            else ""
-        )
+        limit = f" (farther than {_NEAR:g} in Oklab from every color of the table)" if self.colors else ""
         return f"{'colors' if self.colors else 'ids'} without a label{limit}: {named}{more}"
 
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
@@ -134,16 +128,9 @@ class Table:
     finer: dict[int, Any]
     colors: bool
     level: int | None
-    tolerance: float
 
 
-SOFT = (
-    "Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and white are 1"
-    " apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact colors only."
-)
-
-
-def read_table(path: Path, tolerance: float = 0.0) -> Table:
+def read_table(path: Path) -> Table:
     """Read a palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids."""
     try:
         document = read_document(path)
@@ -162,7 +149,7 @@ def read_table(path: Path, tolerance: float = 0.0) -> Table:
         raise ImageError("the table is empty", parameter="palette", value=str(path))
     if len(colors) > 1:
         raise ImageError("mixes colors and ids", parameter="palette", value=str(path), expected="only one of them")
-    return Table(path, keys, finer, colors.pop(), level, tolerance)
+    return Table(path, keys, finer, colors.pop(), level)
 
 
 def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool = False) -> Meaning:
@@ -188,7 +175,7 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
             raise ImageError(f"unknown label {key}", parameter="palette", value=str(table.path), expected=expected)
     if fine and 0 not in rows:  # 0: not painted, also where soft brushes blend into it
         codes, keys, pure = [0, *codes], [[0, 0], *keys], np.concatenate([[True], pure])
-    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.tolerance)
+    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors)
 
 
 def labels_met(guide: Part, meaning: Meaning) -> list[int]:

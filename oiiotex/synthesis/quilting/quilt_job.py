@@ -52,6 +52,7 @@ LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # rows converted to the grid at a time
 _CANDIDATES = 1024, 256  # patches compared per cell: without and with a guide, which leaves fewer to choose from
+FREE_USES = 1.0  # of a region before a price, relative to equal use of all regions; two copies are always free
 _JUDGED_WHOLE = 1 << 22  # px of a quilt
 _REGIONS = 12  # minimum number of exemplar regions for each label of a guide
 
@@ -72,15 +73,6 @@ class Quilted(LabeledExemplar, Gather):
         unit="px",
         unset="the labels' scale or, without labels, shorter side / 8, as a power of two; less if a label is rare",
         help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
-    )
-    freeuses: float = param(
-        1.0,
-        ge=0,
-        le=1e9,
-        help="Number of times that a region of the exemplar may be copied before further copies are penalized,"
-        " relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,"
-        " increase it if patches match poorly.",
-        advanced=True,
     )
     guideweight: float = param(
         1.0,
@@ -190,16 +182,16 @@ class Sewing:
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, if any parameter needs labels."""
-        if all(source is None for source in (self.op.label, self.guide, self.level, self.op.labels)):
+        if all(source is None for source in (self.op.label, self.guide, self.level)):
             return None
-        return label_map(self.op.exemplar, self.op.labels, self.level)
+        return label_map(self.op.exemplar, self.level)
 
     def _rules(self, patch: int) -> Rules:
         return Rules(
             seed=self.op.seed,
             candidates=_CANDIDATES[self.guide is not None],
             reach=min(4, patch // 16),
-            reuse=self.op.freeuses,
+            reuse=FREE_USES,
             guidance=self.op.guideweight,
         )
 
@@ -284,7 +276,7 @@ class Sewing:
         """Label maps of the levels below."""
         if labels is None:
             return ()
-        levels = label_levels(self.op.exemplar, self.op.labels).values()
+        levels = label_levels(self.op.exemplar).values()
         below = [one for one in levels if one.level < labels.level][-MOST_FINER:]
         return tuple(folded(one.ids) for one in below)
 

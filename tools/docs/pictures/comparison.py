@@ -147,14 +147,10 @@ def failures() -> None:
     write_jpeg(beside(*columns), "comparison_failures.jpg")
 
 
-TEXT = """\
-# Compared with other ways to make a tile
+HEADING = "## Eleven ways, on eight photos"  # what stands above it is by hand
+TEXT = """
 
-Compare eleven ways to make a tile from a photo, on eight photos at {side} x {side} px.
-
-```
-oiiotex photo.png --texstationarize -o tile.png
-```
+Ways that this program has, at {side} x {side} px.
 
 Each pane shows the result 2 x 2. Wang tiles (16) are laid out at random over the same area.
 The panes, from left to right and top to bottom:
@@ -174,7 +170,7 @@ The panes, from left to right and top to bottom:
 
 `python -m tools.docs.pictures.comparison` makes this page's pictures.
 
-## Stationarity cost
+### Stationarity cost
 
 The table shows MJH17 eq. 1 (histograms, sigma {sigma:g} px, Lab units, one seed). Lower is more uniform, not more
 faithful: *by the letter* destroys structure and scores best. So look at the pictures as well. Fidelity, hex tiling
@@ -182,7 +178,7 @@ and an independent judge are in the [benchmarks](../../benchmarks/results/tiles.
 
 {table}
 
-## Pictures
+### Pictures
 
 {pictures}
 
@@ -209,7 +205,8 @@ def page() -> None:
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
     pictures = "\n\n".join(f"{name}\n\n![{name}](../pictures/comparison_{name}.jpg)" for name in PHOTOS)
     text = TEXT.format(side=SIDE, sigma=SIGMA, table="\n".join(table), pictures=pictures)
-    (Path(__file__).parents[3] / "docs" / "explanation" / "comparison.md").write_text(text)
+    path = Path(__file__).parents[3] / "docs" / "explanation" / "comparison.md"
+    path.write_text(path.read_text().partition(HEADING)[0] + HEADING + text)
 
 
 if __name__ == "__main__":

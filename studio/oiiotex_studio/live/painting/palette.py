@@ -24,7 +24,6 @@ from ..hub import Hub
 _SWATCH = 48  # px
 _MOST_LABELS = 24
 
-_SOFT = 0.2  # default of --texpaint
 _LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
 _MOST_FACTS = 1000  # characters
 COARSE, FINE = LAYERS = "coarse", "fine"
@@ -121,7 +120,7 @@ class LabelPalette:
         numbers |= {0: 0} if layer == FINE else {}
         codes = sorted(numbers)
         keys = np.array([[numbers[code]] * 2 for code in codes], np.int64)
-        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colors, _SOFT)
+        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colors)
 
     def _require_same_labels(self, layer: str, image: Image) -> None:
         """Raise ImageError if the file's legend, as written by `write`, differs from the palette."""
