@@ -128,14 +128,16 @@ class SealedFolder:
             pass
         except (OSError, ValueError):  # what has damaged the list may have damaged the files
             complete_since = time.time_ns()
-        for name, size, changed in self._files():
-            path, seal = self.folder / name, sealed.get(name)
+        for name, size, changed in self._files():  # thousands: no path is made of one that has not changed
+            seal = sealed.get(name)
+            if seal is None and changed >= complete_since:
+                continue
+            if seal is not None and same_boot and seal[:2] == (size, changed):
+                self._seals[name] = seal
+                continue
+            path = self.folder / name
             with contextlib.suppress(OSError):  # another process has removed it
-                if seal is None and changed >= complete_since:
-                    continue
-                if seal is not None and same_boot and seal[:2] == (size, changed):
-                    self._seals[name] = seal
-                elif seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
+                if seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
                     self._seals[name] = (size, changed, seal[2])
                 else:
                     path.unlink()
@@ -156,10 +158,10 @@ class SealedFolder:
 
     def _files(self) -> Iterable[tuple[str, int, int]]:
         """Name, size and time of change of each file. Links are not followed."""
-        folders = [""]
+        folders, root = [""], str(self.folder)
         while folders:
             below = folders.pop()
-            with contextlib.suppress(OSError), os.scandir(self.folder / below) as entries:
+            with contextlib.suppress(OSError), os.scandir(f"{root}/{below}") as entries:
                 for entry in entries:
                     name = f"{below}{entry.name}"
                     if entry.is_dir(follow_symlinks=False):
