@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import binary_dilation, gaussian_filter
 
 from oiiotex.synthesis.graphcut import seams
 
@@ -70,3 +70,9 @@ def test_half_a_grid_costs_at_most_the_same_choice_in_full():
             inside = [half.free[s] & half.free[t] for s, t in map(seams.ends_of, seams.NEIGHBORS)]
             assert all((arc[~both] == 0).all() for arcs, both in zip(half.arcs, inside, strict=True) for arc in arcs)
             assert grid_cost(half, coarse) <= grid_cost(grid, fine)
+
+
+@pytest.mark.parametrize("by", [0, 1, 3])
+def test_a_band_grows_to_all_sides(by):
+    mask = np.random.default_rng(by).random((30, 41)) < 0.02
+    np.testing.assert_array_equal(seams.grown(mask, by), binary_dilation(mask, np.ones((2 * by + 1, 2 * by + 1))))

@@ -235,6 +235,14 @@ def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]
     return ones[:count]
 
 
+def grown(mask: np.ndarray, by: int) -> np.ndarray:
+    """A mask, (h, w) bool, with all pixels that are at most `by` px away along both axes."""
+    for axis in (0, 1):
+        margins = [(by * (n == axis),) * 2 for n in (0, 1)]
+        mask = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis).any(-1)
+    return mask
+
+
 @dataclass(frozen=True)
 class GridCut:
     """Pixels of a grid to be chosen at the least cost.
@@ -280,10 +288,7 @@ class GridCut:
             border = guess[s] != guess[t]
             band[s] |= border
             band[t] |= border
-        for _ in range(BAND - 1):
-            band[1:], band[:-1] = band[1:] | band[:-1], band[:-1] | band[1:]
-            band[:, 1:], band[:, :-1] = band[:, 1:] | band[:, :-1], band[:, :-1] | band[:, 1:]
-        return self._within(band & self.free, guess)
+        return self._within(grown(band, BAND - 1) & self.free, guess)
 
     def _halved(self) -> GridCut:
         """Of squares of 2 x 2 pixels. The border between two may lie between them, or inside the first: the cheaper."""
