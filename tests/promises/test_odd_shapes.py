@@ -157,7 +157,7 @@ def test_patches_of_a_narrow_photo_are_at_most_three_times_the_sites(shape, monk
     laid = []
     lay = "oiiotex.synthesis.graphcut.placement.cut"
     cut = sys.modules[Layout.__module__].cut
-    monkeypatch.setattr(lay, lambda *given: laid.append(1) or cut(*given))
+    monkeypatch.setattr(lay, lambda *given, **more: laid.append(1) or cut(*given, **more))
     lab = np.random.default_rng(0).random((*shape, 3), np.float32) * 50
     layout = Layout.tiling(90, 64, "none", patch=16, passes=0, seed=3)
     made = graph_cut(lab, None, layout, 1 << 30, lambda done, total: None)

@@ -103,8 +103,10 @@ def _same(a: str, b: str) -> bool:
 
 def _encoded_alike(a: str, b: str) -> bool:
     """Whether two spaces have the same code values; files do not tell sRGB for a display from sRGB of a scene."""
+    if _same(a, b):  # the usual case: the first identifier that is asked for takes 20 ms
+        return True
     ids = [_names().get_color_interop_id(name).rpartition("_")[0] for name in (a, b)]
-    return _same(a, b) or bool(ids[0] and ids[0] == ids[1])
+    return bool(ids[0] and ids[0] == ids[1])
 
 
 @functools.cache

@@ -99,6 +99,7 @@ def _prepared(threads: int) -> None:
         os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
 
 
+@functools.cache
 def _check_kernels() -> None:
     """Name PoCL a folder for its kernels, without damaged ones, and seal those that it has when this process ends.
 

@@ -211,9 +211,9 @@ class _Canvas:
             return
         if offset is None:
             offsets = self._search.placements(self._source, seen.places, seen.filled & seen.inside, empty, (y, x))
-            offset = offsets[self._chance(0x1A1D, number) % len(offsets)]
+            offset = offsets[self._chance(0x1A1D, number) % len(offsets)]()
         patch, covers = self._covered(offset, seen.inside)
-        self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers))
+        self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers, exact=False))
 
     def close_holes(self) -> None:
         """Place patches around uncovered pixels, at most as many as there are sites, then single pixels.
@@ -256,9 +256,9 @@ class _Canvas:
         offsets = self._search.placements(self._source, seen.places, ring, np.zeros_like(ring), (y, x))
         first = self._chance(0x2EF1, number)
         for n in range(min(TRIES, len(offsets))):
-            patch, covers = self._covered(offsets[(first + n) % len(offsets)], seen.inside)
-            taken = cut(self._source, seen.places, seen.filled, patch, covers)
-            if self._cost(np.where(taken, patch, seen.places), seen.filled | taken) < before:
+            patch, covers = self._covered(offsets[(first + n) % len(offsets)](), seen.inside)
+            taken = cut(self._source, seen.places, seen.filled, patch, covers, exact=False)
+            if taken.any() and self._cost(np.where(taken, patch, seen.places), seen.filled | taken) < before:
                 self._put(seen, patch, taken)
                 return
 

@@ -23,6 +23,8 @@ COST_STEPS = 64  # integer steps per unit of KSE03 eq. 2, a ratio of differences
 MOST_COST = 1 << 13  # per edge; sums over a patch of 512 x 512 stay below 2^31
 _FLOOR = 8.0  # grid steps added to gradients: else small differences in flat areas would have unbounded costs
 NEIGHBORS = ((0, 1), (1, 0))  # (y, x) from a pixel to its neighbor along an edge
+LARGE = 1024  # pixels, from which on a cut may be made from coarse to fine
+BAND = 4  # px to each side of a coarse border, in which it is cut
 
 
 def lengths(values: np.ndarray) -> np.ndarray:
@@ -39,19 +41,22 @@ class SeamPhoto:
 
     def at(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Colors at pixels, clamped to the border."""
-        return self.lab[np.clip(y, 0, self.lab.shape[0] - 1), np.clip(x, 0, self.lab.shape[1] - 1)]
+        y, x = (np.minimum(np.maximum(at, 0), n - 1) for at, n in zip((y, x), self.lab.shape, strict=False))
+        if isinstance(self.lab, np.ndarray) and self.lab.flags.c_contiguous:  # faster than two indices
+            return self.lab.reshape(-1, 3).take(y * self.lab.shape[1] + x, 0)
+        return self.lab[y, x]
 
     def costs(self, a: np.ndarray, b: np.ndarray, step: tuple[int, int]) -> np.ndarray:
         """M(s, t, A, B) of KSE03 eq. 2 as integers, for edges from s to t = s + step.
 
-        `a` (2, n) int; `b` (2, n) int; returns (n,) int64.
+        `a`, `b` (2, ...) int; returns (...) int64.
         """
-        offset = np.array(step)[:, None]
-        same = (a + offset == b).all(axis=0)
-        out = np.zeros(same.shape, np.int64)
-        apart = np.flatnonzero(~same)
-        if len(apart):
-            out[apart] = self._apart(a[:, apart], b[:, apart], offset)
+        offset = np.reshape(step, (2,) + (1,) * (a.ndim - 1))
+        apart = (a + offset != b).any(axis=0)
+        if 2 * np.count_nonzero(apart) > apart.size:
+            return np.where(apart, self._apart(a, b, offset), 0)
+        out = np.zeros(apart.shape, np.int64)
+        out[apart] = self._apart(a[:, apart], b[:, apart], offset.reshape(2, 1))
         return out
 
     def _apart(self, a: np.ndarray, b: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -83,65 +88,68 @@ def edges_at(pixels: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.
     return np.concatenate([here[begin], here[end] - apart]), np.concatenate([here[begin] + apart, here[end]])
 
 
-def seam_costs(source: SeamPhoto, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ends_of(step: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Both ends (s, t) of all edges of a grid in a direction, as slices of the grid."""
+    y, x = step
+    return (slice(-y or None), slice(-x or None)), (slice(y, None), slice(x, None))
+
+
+def seam_costs(
+    source: SeamPhoto,
+    places: np.ndarray,
+    filled: np.ndarray,
+    others: np.ndarray | None = None,
+    present: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Costs of existing seams: to the right (h, w - 1) and below (h - 1, w).
 
-    `places` (2, h, w) int; `filled` (h, w) bool.
+    `places` (2, h, w) int; `filled` (h, w) bool. `others`, `present`: as these, for the second pixel of an edge.
     """
-    flat, there, shape = places.reshape(2, -1), filled.ravel(), filled.shape
+    others, present = places if others is None else others, filled if present is None else present
     costs = []
     for step in NEIGHBORS:
-        s, t = edges(shape, step)
-        cost = np.where(there[s] & there[t], source.costs(flat[:, s], flat[:, t], step), 0)
-        costs.append(cost.reshape(shape[0] - step[0], shape[1] - step[1]))
+        s, t = ends_of(step)
+        costs.append(np.where(filled[s] & present[t], source.costs(places[:, *s], others[:, *t], step), 0))
     return costs[0], costs[1]
 
 
-def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray) -> np.ndarray:
+def cut(
+    source: SeamPhoto,
+    places: np.ndarray,
+    filled: np.ndarray,
+    patch: np.ndarray,
+    covers: np.ndarray,
+    exact: bool = True,
+) -> np.ndarray:
     """A mask of the pixels of a window that a new patch replaces.
 
-    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept.
+    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept. If not `exact`, large cuts
+    are made from coarse to fine (`GridCut.in_band`).
 
     `places` (2, h, w) int; `filled` (h, w) bool; `patch` (2, h, w) int; `covers` (h, w) bool; returns (h, w) bool.
     """
-    shape = filled.shape
-    there, covered = filled.ravel(), covers.ravel()
-    new = covered & ~there
-    free = covered & there
-    number = np.cumsum(free) - 1
-    count = int(free.sum())
-    if count == 0:
-        return new.reshape(shape)
-    old_at, new_at = places.reshape(2, -1), patch.reshape(2, -1)
-    leans: list[tuple[np.ndarray, np.ndarray]] = []  # indices of pixels; cost of being new minus cost of being old
-    arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for step in NEIGHBORS:
-        s, t = edges(shape, step)
-        kept = (free[s] & (there[t] | covered[t])) | (free[t] & (there[s] | covered[s]))
-        s, t = s[kept], t[kept]
-        # costs of an edge if both pixels are old, if t is new, if s is new; both new costs nothing
-        both_old = np.where(there[s] & there[t], source.costs(old_at[:, s], old_at[:, t], step), 0)
-        t_new = np.where(there[s] & covered[t], source.costs(old_at[:, s], new_at[:, t], step), 0)
-        s_new = np.where(covered[s] & there[t], source.costs(new_at[:, s], old_at[:, t], step), 0)
-        for fixed, other, old, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
-            alone = free[other] & new[fixed]
-            leans.append((other[alone], -old[alone]))
-            alone = free[other] & ~covered[fixed]
-            leans.append((other[alone], change[alone] - both_old[alone]))
+    new, free = covers & ~filled, covers & filled
+    if not free.any():
+        return new
+    lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
+    arcs = []
+    old, fresh = (places, filled), (patch, covers)
+    costs = (seam_costs(source, *seam) for seam in (old, (*old, *fresh), (*fresh, *old)))
+    # costs of an edge if both pixels are old, if t is new, if s is new; both new costs nothing
+    for step, both_old, t_new, s_new in zip(NEIGHBORS, *costs, strict=True):
+        s, t = ends_of(step)
+        for fixed, other, kept, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
+            lean[other] += np.where(new[fixed], -kept, np.where(covers[fixed], 0, change - both_old))
         pair = free[s] & free[t]
-        s, t, t_new, s_new = s[pair], t[pair], t_new[pair], s_new[pair]
-        old = np.minimum(both_old[pair], t_new + s_new)  # cost of a seam node
+        node = np.where(pair, np.minimum(both_old, t_new + s_new), 0)  # cost of a seam node
         # the cost of keeping both pixels is split so that arcs in both directions are as equal as possible: most pixels
         # then have no terminal arc, and a flow has little to cancel
-        of_t = np.clip(-(old // 2), -s_new, t_new - old)
-        leans += (s, -old - of_t), (t, of_t)
-        arcs += (number[s], number[t], t_new - old - of_t), (number[t], number[s], s_new + of_t)
-    pixels, values = (np.concatenate(part) for part in zip(*leans, strict=True))
-    lean = np.bincount(pixels, values, len(free)).astype(np.int64)  # integers, exact in doubles
-    taken = minimum_cut(count, arcs, lean[free])
-    out = new.copy()
-    out[free] = taken
-    return out.reshape(shape)
+        of_t = np.where(pair, np.clip(-(node // 2), -s_new, t_new - node), 0)
+        lean[s] -= node + of_t
+        lean[t] += of_t
+        arcs.append((np.where(pair, t_new - node - of_t, 0), np.where(pair, s_new + of_t, 0)))
+    whole = GridCut(free, lean, arcs)
+    return new | (whole.chosen() if exact else whole.in_band())
 
 
 @dataclass(frozen=True)
@@ -225,3 +233,92 @@ def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]
     ones = np.ones(count + 2, bool)
     ones[reached] = False
     return ones[:count]
+
+
+def grown(mask: np.ndarray, by: int) -> np.ndarray:
+    """A mask, (h, w) bool, with all pixels that are at most `by` px away along both axes."""
+    for axis in (0, 1):
+        margins = [(by * (n == axis),) * 2 for n in (0, 1)]
+        mask = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis).any(-1)
+    return mask
+
+
+@dataclass(frozen=True)
+class GridCut:
+    """Pixels of a grid to be chosen at the least cost.
+
+    Attributes
+    ----------
+    free : (h, w) bool
+        The pixels that are decided.
+    lean : (h, w) int64
+        Cost of choosing a pixel.
+    arcs : list of (array, array)
+        For each of `NEIGHBORS`, costs if only the second, or only the first pixel of an edge is chosen: 0 unless both
+        are free.
+    """
+
+    free: np.ndarray
+    lean: np.ndarray
+    arcs: list[tuple[np.ndarray, np.ndarray]]
+
+    def chosen(self) -> np.ndarray:
+        """(h, w) bool; of equal choices, the largest."""
+        number = np.cumsum(self.free).reshape(self.free.shape) - 1
+        arcs = []
+        for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
+            s, t = ends_of(step)
+            for start, end, costs in ((s, t, begins), (t, s, ends)):
+                some = costs > 0
+                arcs.append((number[start][some], number[end][some], costs[some]))
+        out = np.zeros(self.free.shape, bool)
+        if self.free.any():
+            out[self.free] = minimum_cut(int(self.free.sum()), arcs, self.lean[self.free])
+        return out
+
+    def in_band(self) -> np.ndarray:
+        """As `chosen`, but a large grid is first solved at half its size, then in a band around the borders found."""
+        if np.count_nonzero(self.free) < LARGE:
+            return self.chosen()
+        height, width = self.free.shape
+        guess = self._halved().chosen().repeat(2, 0).repeat(2, 1)[:height, :width] & self.free
+        band = np.zeros(guess.shape, bool)
+        for step in NEIGHBORS:
+            s, t = ends_of(step)
+            border = guess[s] != guess[t]
+            band[s] |= border
+            band[t] |= border
+        return self._within(grown(band, BAND - 1) & self.free, guess)
+
+    def _halved(self) -> GridCut:
+        """Of squares of 2 x 2 pixels. The border between two may lie between them, or inside the first: the cheaper."""
+
+        def pooled(values: np.ndarray, fold: np.ufunc) -> np.ndarray:
+            rows = fold.reduceat(values, np.arange(0, len(values), 2))
+            return fold.reduceat(rows, np.arange(0, values.shape[1], 2), 1)
+
+        def between(costs: np.ndarray, both: np.ndarray) -> np.ndarray:
+            """Of squares along the second axis."""
+            count = costs.shape[1] // 2
+            lines = np.where(both, costs, 2 * MOST_COST)[:, : 2 * count].reshape(-1, count, 2)
+            least = np.where(both[:, 1 : 2 * count : 2], lines.min(2), 0)
+            return np.add.reduceat(least, np.arange(0, len(least), 2))
+
+        arcs = []
+        for step, pair in zip(NEIGHBORS, self.arcs, strict=True):
+            s, t = ends_of(step)
+            both = self.free[s] & self.free[t]
+            begins, ends = (between(c.T, both.T).T if step[0] else between(c, both) for c in pair)
+            arcs.append((begins, ends))
+        return GridCut(pooled(self.free, np.logical_or), pooled(np.where(self.free, self.lean, 0), np.add), arcs)
+
+    def _within(self, band: np.ndarray, choice: np.ndarray) -> np.ndarray:
+        """As `chosen`, if pixels outside the band are chosen as in `choice`."""
+        kept, lean, arcs = self.free & ~band, self.lean.copy(), []
+        for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
+            s, t = ends_of(step)
+            for fixed, other, if_chosen, if_not in ((s, t, ends, begins), (t, s, begins, ends)):
+                lean[other] += np.where(kept[fixed], np.where(choice[fixed], -if_chosen, if_not), 0)
+            both = band[s] & band[t]
+            arcs.append((np.where(both, begins, 0), np.where(both, ends, 0)))
+        return (choice & kept) | GridCut(band, lean, arcs).chosen()

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable
 
 import numpy as np
 from scipy import fft
@@ -42,9 +42,7 @@ class OffsetSearch:
         lab = lab.astype(np.int64) // _UNIT
         self._side = -(-patch // self._factor)
         self._shape = tuple(fft.next_fast_len(n + self._side - 1, True) for n in self._allowed.shape)
-        usable = self._allowed.astype(np.float64)
-        planes = [usable, *(usable * lab[..., c] for c in range(3)), usable * (lab**2).sum(-1)]
-        self._spectra = np.stack([fft.rfft2(plane, self._shape) for plane in planes])
+        self._spectra = _spectra(lab, self._allowed, self._shape)
         self._offset_prices = None
         if in_step is not None:
             variance = float(lab[self._allowed].var(0).sum())
@@ -52,8 +50,8 @@ class OffsetSearch:
 
     def placements(
         self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
-    ) -> list[tuple[int, int]]:
-        """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`.
+    ) -> list[Callable[[], tuple[int, int]]]:
+        """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`, each refined when called.
 
         `places` (2, h, w) int; `compared`, `wanted` (h, w) bool.
         """
@@ -70,7 +68,7 @@ class OffsetSearch:
         if gain.max() > 0:
             cost = np.where(gain >= max(1, ENOUGH * gain.max()), cost, np.inf)
         offsets = self._apart(cost, self._present(places, compared), max(seen.shape))
-        return offsets if f == 1 else [self._nearby(source, places, compared, at, *offset) for offset in offsets]
+        return [functools.partial(self._nearby, source, places, compared, at, *offset) for offset in offsets]
 
     def _nearby(
         self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
@@ -79,9 +77,9 @@ class OffsetSearch:
         rows, columns = np.nonzero(compared)
         few = slice(None, None, len(rows) // _SAMPLES + 1)
         rows, columns = rows[few], columns[few]
-        if not len(rows):
+        if self._factor == 1 or not len(rows):
             return y, x
-        wanted, f = source.at(*places[:, rows, columns]).astype(np.float64), self._factor
+        f = self._factor
         ys, xs = (  # offsets beyond these leave no compared pixel in the photo
             range(min(0, max(-f, 1 - corner - last)), max(0, min(f, size - corner - begin)) + 1)
             for corner, begin, last, size in (
@@ -92,27 +90,21 @@ class OffsetSearch:
         prices = np.zeros((len(ys), len(xs)))
         if self._offset_prices is not None:
             prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + np.array(xs), y + np.array(ys))
-        height, width = (n + len(reach) - 1 for n, reach in zip(compared.shape, (ys, xs), strict=True))
-        colors, usable = self._around(source, y - 1 + ys[0], x - 1 + xs[0], height, width)
-        colors, first = colors.reshape(-1, 3), rows * width + columns  # at the smallest offset
+        shape = tuple(n + len(reach) - 1 for n, reach in zip(compared.shape, (ys, xs), strict=True))
+        around = self._around(source, y - 1 + ys[0], x - 1 + xs[0], *shape)
+        sampled, lab = np.zeros(compared.shape, bool), np.zeros((*compared.shape, 3))
+        sampled[rows, columns], lab[rows, columns] = True, source.at(*places[:, rows, columns])
+        padded = tuple(fft.next_fast_len(n, True) for n in shape)
+        sums = _differences(_spectra(*around, padded), _spectra(lab, sampled, padded), padded)
+        apart, count = (table[: len(ys), : len(xs)] for table in sums)
+        few_compared = 2 * count < len(rows)
+        few_compared[-ys[0], -xs[0]] = False
+        mean = np.where(few_compared, np.inf, apart / np.maximum(1, count) + prices)
 
-        def cheapest(some_ys: Iterable[int], some_xs: Iterable[int]) -> tuple[int, int]:
-            best, chosen = np.inf, (0, 0)
-            for dy, dx in itertools.product(some_ys, some_xs):
-                pixels = first + ((dy - ys[0]) * width + dx - xs[0])
-                inside = usable[pixels]
-                count = np.count_nonzero(inside)
-                if 2 * count < len(rows) and (dy or dx):
-                    continue
-                apart = colors[pixels]
-                apart -= wanted
-                if count < len(rows):
-                    apart *= inside[:, None]
-                # integers, exact in doubles: the order of summation does not matter
-                mean = np.vdot(apart, apart) / max(1, count) + prices[dy - ys[0], dx - xs[0]]
-                if mean < best:
-                    best, chosen = mean, (dy, dx)
-            return chosen
+        def cheapest(some_ys: list[int], some_xs: list[int]) -> tuple[int, int]:
+            table = mean[np.ix_(np.array(some_ys) - ys[0], np.array(some_xs) - xs[0])]
+            dy, dx = divmod(int(table.argmin()), len(some_xs))
+            return some_ys[dy], some_xs[dx]
 
         step = -(-f // _NEARBY)
         dy, dx = cheapest(*([n for n in reach if n % step == 0] for reach in (ys, xs)))
@@ -122,28 +114,24 @@ class OffsetSearch:
         return y + dy, x + dx
 
     def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colors of the exemplar's pixels from (y, x), in doubles, and a mask of usable ones, (height * width,)."""
+        """Colors of the exemplar's pixels from (y, x), and a mask of usable ones."""
         rows, columns = y + np.arange(height), x + np.arange(width)
         inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]
         at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._photo.shape, strict=True)))
-        usable = self._photo.usable[at] & inside[0][:, None] & inside[1]
-        return source.lab[at].astype(np.float64), usable.ravel()
+        return source.lab[at], self._photo.usable[at] & inside[0][:, None] & inside[1]
 
     def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean squared difference over `seen`, and number of `new` pixels covered, for every corner from -side + 1."""
-        weight = seen.astype(np.float64)
-        planes = [weight, *(weight * lab[..., c] for c in range(3)), weight * (lab**2).sum(-1), new.astype(np.float64)]
-        ours = [np.conj(fft.rfft2(plane, self._shape)) for plane in planes]
-        usable, *color, square = self._spectra
-        products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(color, ours[1:4], strict=True))
-        sums = [fft.irfft2(s, self._shape) for s in (products, usable * ours[0], usable * ours[5])]
+        sums = [*_differences(self._spectra, _spectra(lab, seen, self._shape), self._shape), np.zeros(self._shape)]
+        if new.any():
+            ours = np.conj(fft.rfft2(new.astype(np.float64), self._shape))
+            sums[2] = np.rint(fft.irfft2(self._spectra[0] * ours, self._shape))
         # negative corners wrap to the far end
         reach = max(seen.shape) - 1
-        apart, count, gain = (np.rint(np.roll(r, (reach, reach), (0, 1))) for r in sums)
         rows, columns = (n + reach for n in self._allowed.shape)
-        apart, count, gain = (r[:rows, :columns] for r in (apart, count, gain))
+        apart, count, gain = (np.roll(r, (reach, reach), (0, 1))[:rows, :columns] for r in sums)
         # few compared pixels prove little: the rest is charged with the typical cost
-        total = max(1.0, float(weight.sum()))
+        total = max(1.0, float(seen.sum()))
         many = count > 0.5 * total
         usual = float(np.median(apart[many] / count[many])) if many.any() else 0.0
         return (np.maximum(apart, 0) + np.rint(usual) * (total - count)) / total, gain
@@ -153,9 +141,10 @@ class OffsetSearch:
         y, x = np.nonzero(compared)
         if not len(y):
             return np.zeros((0, 2), np.int64)
-        offsets = np.stack([places[0, y, x] - y + 1, places[1, y, x] - x + 1], -1)
-        present, counts = np.unique(offsets, axis=0, return_counts=True)
-        return present[counts > 0.02 * len(y)]
+        down, right = places[0, y, x] - y + 1, places[1, y, x] - x + 1
+        packed, counts = np.unique(down << 32 | right + (1 << 31), return_counts=True)  # of pairs, it is slow
+        present = packed[counts > 0.02 * len(y)]
+        return np.stack([present >> 32, (present & 0xFFFFFFFF) - (1 << 31)], -1)
 
     def _apart(self, cost: np.ndarray, shunned: np.ndarray, side: int) -> list[tuple[int, int]]:
         """The best few offsets that are apart from one another and from the excluded ones."""
@@ -178,3 +167,20 @@ class OffsetSearch:
             offsets.append(((y - side + 1) * f, (x - side + 1) * f))
             without(y, x)
         return offsets
+
+
+def _spectra(lab: np.ndarray, mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Spectra, padded to that shape, of a mask, of the masked colors, and of the squares of their lengths: (5, ...)."""
+    weight, values = mask.astype(np.float64), np.moveaxis(lab.astype(np.float64), -1, 0)
+    return fft.rfft2(np.stack([weight, *(weight * values), weight * (values**2).sum(0)]), shape)
+
+
+def _differences(exemplar: np.ndarray, patch: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of squared differences, and number of pixels compared, for every (cyclic) offset of a patch: integers.
+
+    `exemplar`, `patch`: as `_spectra` returns them.
+    """
+    (here, *colors, squares), (seen, *wanted, lengths) = exemplar, np.conj(patch)
+    products = here * lengths + squares * seen - 2 * sum(c * w for c, w in zip(colors, wanted, strict=True))
+    apart, count = np.rint(fft.irfft2(np.stack([products, here * seen]), shape))
+    return apart, count

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cuts of a grid from coarse to fine, against exact ones and against the cost of every edge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, gaussian_filter
+
+from oiiotex.synthesis.graphcut import seams
+
+
+def random_grid(seed: int, height: int, width: int) -> seams.GridCut:
+    """Costs of a smooth picture with noise, and pixels that are drawn to either choice."""
+    random = np.random.default_rng(seed)
+    free, lean = random.random((height, width)) < 0.9, np.zeros((height, width), np.int64)
+    lean[[0, -1]], lean[height // 3 : height // 2, width // 3 : width // 2] = 400, -900
+    lean += (random.integers(-60, 60, lean.shape) * (random.random(lean.shape) < 0.2)).astype(np.int64)
+    arcs = []
+    for step in seams.NEIGHBORS:
+        s, t = seams.ends_of(step)
+        both, smooth = free[s] & free[t], gaussian_filter(random.random(free.shape), 2)[s] * 400
+        begins, ends = (np.where(both, smooth + random.integers(0, 60, both.shape), 0).astype(np.int64) for _ in "ab")
+        arcs.append((begins, ends))
+    return seams.GridCut(free, lean, arcs)
+
+
+def grid_cost(grid: seams.GridCut, choice: np.ndarray) -> int:
+    """What a choice costs, edge by edge."""
+    total = int(grid.lean[grid.free & choice].sum())
+    for (dy, dx), (begins, ends) in zip(seams.NEIGHBORS, grid.arcs, strict=True):
+        for y, x in np.ndindex(begins.shape):
+            first, second = choice[y, x], choice[y + dy, x + dx]
+            total += int(begins[y, x]) * bool(second and not first) + int(ends[y, x]) * bool(first and not second)
+    return total
+
+
+@pytest.mark.parametrize("shape", [(40, 47), (35, 60)])
+def test_cuts_from_coarse_to_fine_cost_little_more(shape, monkeypatch):
+    exact, banded, narrow = 0, 0, 0
+    for seed in range(4):
+        grid = random_grid(seed, *shape)
+        lowest = -int(np.abs(grid.lean[grid.free & (grid.lean < 0)]).sum())  # of any choice
+        choices = [grid.chosen(), grid.in_band()]
+        monkeypatch.setattr(seams, "BAND", 1)
+        choices.append(grid.in_band())
+        monkeypatch.undo()
+        assert not any((choice & ~grid.free).any() for choice in choices)
+        one, other, least = (grid_cost(grid, choice) - lowest for choice in choices)
+        assert one <= other <= least
+        exact, banded, narrow = exact + one, banded + other, narrow + least
+    assert exact <= banded < 1.01 * exact and banded < narrow
+
+
+def test_a_band_that_holds_everything_is_the_exact_cut(monkeypatch):
+    grid = random_grid(5, 40, 40)
+    monkeypatch.setattr(seams, "BAND", 40)
+    np.testing.assert_array_equal(grid.in_band(), grid.chosen())
+
+
+def test_half_a_grid_costs_at_most_the_same_choice_in_full():
+    """The border of two squares may move to the cheaper line."""
+    for seed, shape in enumerate([(12, 14), (13, 15)]):
+        grid, random = random_grid(seed, *shape), np.random.default_rng(seed)
+        half = grid._halved()
+        assert half.free.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
+        for _ in range(20):
+            coarse = (random.random(half.free.shape) < 0.5) & half.free
+            fine = coarse.repeat(2, 0).repeat(2, 1)[: shape[0], : shape[1]] & grid.free
+            inside = [half.free[s] & half.free[t] for s, t in map(seams.ends_of, seams.NEIGHBORS)]
+            assert all((arc[~both] == 0).all() for arcs, both in zip(half.arcs, inside, strict=True) for arc in arcs)
+            assert grid_cost(half, coarse) <= grid_cost(grid, fine)
+
+
+@pytest.mark.parametrize("by", [0, 1, 3])
+def test_a_band_grows_to_all_sides(by):
+    mask = np.random.default_rng(by).random((30, 41)) < 0.02
+    np.testing.assert_array_equal(seams.grown(mask, by), binary_dilation(mask, np.ones((2 * by + 1, 2 * by + 1))))
