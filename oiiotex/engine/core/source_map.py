@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ..deferred import np, oiio
 from ..errors import ImageError
 from .demand import SomeRows, rows_of
-from .image import Part, derived_spec, spec_beside
+from .image import ArrayFetch, Part, derived_spec, spec_beside
 from .op import Kind, Output
 from .tiling import tiled_spec
 from .window import Window
@@ -154,18 +154,36 @@ class Sources:
 
     def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
         """A part with that spec, copied from the pixels of a part, which are held in memory."""
-        if self.by_rows:
-            rows = rows_of(part)
-            return Part(part.name, spec, lambda window: self.read(window).gather(rows), part.stored, exact=part.exact)
-        pixels = np.ascontiguousarray(part.pixels())
+        pixels: SomeRows = rows_of(part) if self.by_rows else np.ascontiguousarray(part.pixels())
+        fetch = Copied(self, lambda: pixels, (part.spec.width, part.spec.height))
+        return Part(part.name, spec, fetch, part.stored, ready=self.ready and not self.by_rows, exact=part.exact)
 
-        def fetch(window: Window) -> np.ndarray:
-            where = self.read(window)
-            rows = max(1, _AT_ONCE // max(1, window.width))
-            pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
-            return np.concatenate(list(self.spread(lambda piece: piece.gather(pixels), pieces)))
 
-        return Part(part.name, spec, fetch, part.stored, ready=self.ready, exact=part.exact)
+@dataclass(frozen=True, eq=False)
+class Copied(ArrayFetch):
+    """The `fetch` of a part whose pixels are copies; a part that is changed has another one.
+
+    Attributes
+    ----------
+    sources : Sources
+    pixels : callable
+        Returns the exemplar, (height, width, channels).
+    size : (int, int)
+        Width and height of the exemplar.
+    """
+
+    sources: Sources
+    pixels: Callable[[], SomeRows]
+    size: tuple[int, int]
+
+    def __call__(self, window: Window) -> np.ndarray:
+        """The pixels of a window."""
+        where, pixels = self.sources.read(window), self.pixels()
+        if not isinstance(pixels, np.ndarray):
+            return where.gather(pixels)
+        rows = max(1, _AT_ONCE // max(1, window.width))
+        pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
+        return np.concatenate(list(self.sources.spread(lambda piece: piece.gather(pixels), pieces)))
 
 
 def require_addressable(shape: tuple[int, ...]) -> None:

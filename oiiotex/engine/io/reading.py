@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import os
@@ -20,6 +21,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, either, one_line
 from .atomic import held_beside, part_of, release
+from .copies import is_indexed, unpacked
 from .description import NAME, restore
 from .documents import require_regular
 
@@ -66,6 +68,8 @@ def read(
     for specs in source.specs():
         levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
+    if is_indexed(path):
+        parts = unpacked(parts, path, cache)
     image = Image(tuple(parts), path)
     return upright(image) if turned else image
 
@@ -115,7 +119,8 @@ class _OpenFile:
         _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        opened = oiio.ImageInput.open(self.place, self._config)
+        with _without_plugin(self.place) as place:
+            opened = oiio.ImageInput.open(place, self._config)
         if opened is None:
             message = error_text(oiio.geterror) or "unknown format"
             raise ImageError(f"{self.path}: cannot read the image: {message}")
@@ -205,6 +210,16 @@ class _OpenFile:
         if small is None or not small.initialized:
             raise ImageError(f"{self.path}: cannot read the thumbnail: {message or 'the file is damaged'}")
         return small
+
+
+@contextlib.contextmanager
+def _without_plugin(path: str) -> Iterator[str]:
+    """A name by which OpenImageIO does not take an indexed image for one of its plugin for .oiiotex files."""
+    if not (is_indexed(path) and os.path.isdir("/dev/fd")):
+        yield path
+        return
+    with open(path, "rb") as file:
+        yield f"/dev/fd/{file.fileno()}"
 
 
 def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
