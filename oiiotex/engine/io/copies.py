@@ -23,11 +23,12 @@ from ..core.source_map import BITS, Copied, SourceMap, Sources
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
+from .description import NAME
 from .formats import Format
 
 SUFFIX = ".oiiotex"
 _CELL = 256  # px; side of the cells and of the file's tiles
-_NAME, _CHANNELS, _VERSION = "index", ("index", "offset"), "oiiotex:index"
+_INDEX, _CHANNELS, _VERSION = "index", ("index", "offset"), "oiiotex:index"
 _EXR = b"\x76\x2f\x31\x01"
 _HELD = 4  # a map is held decoded if it fits into the cache that many times
 
@@ -113,7 +114,7 @@ def _index_of(image: Image, copies: list[Copied], path: Path) -> Part:
     def read_index(window: Window) -> np.ndarray:
         return assembled(window, (_CELL, _CELL), whole, cell)
 
-    return Part(_NAME, spec, read_index, spec.format, exact=True)
+    return Part(_INDEX, spec, read_index, spec.format, exact=True)
 
 
 def _numbered(offsets: np.ndarray) -> np.ndarray:
@@ -152,14 +153,13 @@ def unpacked(parts: list[Part], path: str, cache: PieceCache) -> list[Part]:
         return SourceMap.of(((offsets >> BITS) + rows) % size[1], ((offsets & 0xFFFF) + columns) % size[0])
 
     sources = Sources(read, index.spec, ready=True)
-    results = [_result_of(part, sources, cache) for part in maps]
-    return [_alone(results[0])] if len(results) == 1 else [_of(result, len(results)) for result in results]
+    return [_result_of(part, sources, cache, len(maps)) for part in maps]
 
 
 def _require_index(maps: list[Part], index: Part, path: str) -> None:
     """Refuse parts of which the last is no index of the others."""
     spec, windows = index.spec, {part.window for part in maps}
-    is_index = index.name == _NAME and tuple(spec.channelnames) == _CHANNELS and spec.format == oiio.UINT
+    is_index = index.name == _INDEX and tuple(spec.channelnames) == _CHANNELS and spec.format == oiio.UINT
     if not is_index or len(windows) != 1 or max(window.size for window in windows) > (1 << BITS, 1 << BITS):
         raise ImageError(f"{path}: expected maps of one size, and their index as the last part")
     if spec.get_int_attribute(_VERSION) != 1:
@@ -178,14 +178,20 @@ def _offsets(index: np.ndarray, size: tuple[int, int], path: str) -> np.ndarray:
     return found[numbers].reshape(*index.shape[:2], 1)
 
 
-def _result_of(part: Part, sources: Sources, cache: PieceCache) -> Part:
-    """The part that is copied from a map of the file."""
+def _result_of(part: Part, sources: Sources, cache: PieceCache, count: int) -> Part:
+    """The part that is copied from a map of the file, one of `count`, with the metadata of an EXR file of the result."""
     spec = Window.data(sources.spec).apply_to(part.spec)
     spec.tile_width = spec.tile_height = spec.tile_depth = 0
-    rows, size = rows_of(part), part.spec.width * part.spec.height * part.pixel_bytes
+    spec.attribute("oiio:subimages", count)
+    alone = ("name", NAME) if count == 1 and spec.get_string_attribute(NAME) == "subimage00" else ()
+    for name in ("openexr:chunkCount", *alone):
+        spec.erase_attribute(name)
+    rows, size = rows_of(part), (part.spec.width, part.spec.height)
 
-    def pixels() -> np.ndarray:
+    def held() -> np.ndarray:
         return cache.get((part.fetch, "map"), part.pixels)
 
-    fetch = Copied(sources, pixels if _HELD * size <= cache.limit else lambda: rows, (part.spec.width, part.spec.height))
-    return dataclasses.replace(part, spec=spec, fetch=fetch, levels=(), thumbnail=None)
+    fits = _HELD * size[0] * size[1] * part.pixel_bytes <= cache.limit
+    fetch = Copied(sources, held if fits else lambda: rows, size)
+    name = spec.get_string_attribute(NAME) or "part0"
+    return dataclasses.replace(part, name=name, spec=spec, fetch=fetch, levels=(), thumbnail=None)

@@ -119,12 +119,16 @@ class _OpenFile:
         _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        with _without_plugin(self.place) as place:
-            opened = oiio.ImageInput.open(place, self._config)
+        with _without_plugin(self.place) as self._opened_as:
+            opened = oiio.ImageInput.open(self._opened_as, self._config)
         if opened is None:
-            message = error_text(oiio.geterror) or "unknown format"
+            message = self._error(oiio.geterror) or "unknown format"
             raise ImageError(f"{self.path}: cannot read the image: {message}")
         return opened
+
+    def _error(self, geterror: Callable[[], str]) -> str:
+        """An error of OpenImageIO, with the file's own name."""
+        return error_text(geterror).replace(self._opened_as, self.place)
 
     def keep(self) -> None:
         """Continue reading under another name: most readers reopen the file to go back to earlier rows."""
@@ -186,7 +190,7 @@ class _OpenFile:
         else:
             square = place.left, place.right, place.top, place.bottom
             pixels = self._input.read_tiles(*where, *square, 0, 1, run.start, run.stop, kind)
-        message = error_text(self._input.geterror)
+        message = self._error(self._input.geterror)
         if _state_of(self.place) != self._state:  # the rows may come from two files
             raise ImageError(f"{self.path}: the file was changed by another program while it was read")
         if pixels is None or message:  # libjpeg fills missing pixels, and only reports it
