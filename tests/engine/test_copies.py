@@ -52,12 +52,18 @@ def written(image: Image, path: Path, **settings: object) -> Path:
     return path
 
 
-@pytest.mark.parametrize("settings", [{}, {"tile": (64, 32)}, {"scanline": True}, {"pixel_type": oiio.TypeDesc("float")}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"tile": (64, 32)}, {"scanline": True}, {"pixel_type": oiio.TypeDesc("float")}]
+)
 def test_the_bits_are_those_of_an_exr_file(tmp_path, settings):
     indexed, plain = (read(written(material(), tmp_path / name, **settings)) for name in ("a.oiiotex", "a.exr"))
     assert [part.name for part in indexed.parts] == [part.name for part in plain.parts] == ["map0", "map1", "map2"]
     for ours, theirs in zip(indexed.parts, plain.parts, strict=True):
-        assert (ours.window, ours.spec.format, ours.spec.channelnames) == (theirs.window, theirs.spec.format, theirs.spec.channelnames)
+        assert (ours.window, ours.spec.format, ours.spec.channelnames) == (
+            theirs.window,
+            theirs.spec.format,
+            theirs.spec.channelnames,
+        )
         assert ours.spec["wrapmodes"] == theirs.spec["wrapmodes"] == "periodic,periodic"
         np.testing.assert_array_equal(ours.pixels(), theirs.pixels())
 
@@ -197,7 +203,12 @@ def test_a_truncated_file_is_refused(tmp_path):
 def test_lines_write_and_read_it(tmp_path):
     random = np.random.default_rng(2)
     for name, channels in (("color", 3), ("height", 1)):
-        save(random.random((40, 48, channels)), tmp_path / f"{name}.exr", "half", "lin_rec709_scene" if channels > 1 else "data")
+        save(
+            random.random((40, 48, channels)),
+            tmp_path / f"{name}.exr",
+            "half",
+            "lin_rec709_scene" if channels > 1 else "data",
+        )
     make = ("color.exr", "height.exr", "--texstationarize:kinds=color,height:size=70x60:sigma=8:flattening=0.5")
     run_in(tmp_path, "--nosoftwareattrib", *make, "--siappendall", "-o", "tile.exr", "-o", "tile.oiiotex")
     run_in(tmp_path, "--nosoftwareattrib", "tile.oiiotex", "-o", "back.exr")

@@ -108,7 +108,9 @@ def _index_of(image: Image, copies: list[Copied], path: Path) -> Part:
             if not np.array_equal(read(place).yx, (y, x)):
                 names = ", ".join(part.name for part in image.parts)
                 raise ImageError(f"{path}: {names}: expected maps that are copied from the same places")
-        rows, columns = np.ogrid[place.top - whole.top : place.bottom - whole.top, place.left - whole.left : place.right - whole.left]
+        rows, columns = np.ogrid[
+            place.top - whole.top : place.bottom - whole.top, place.left - whole.left : place.right - whole.left
+        ]
         return _numbered((y - rows) % height << BITS | (x - columns) % width)
 
     def read_index(window: Window) -> np.ndarray:
@@ -174,12 +176,14 @@ def _offsets(index: np.ndarray, size: tuple[int, int], path: str) -> np.ndarray:
     if not np.array_equal(numbers[first], np.arange(len(found))):
         raise ImageError(f"{path}: the index is damaged: it has numbers without an offset")
     if (found >> BITS >= size[1]).any() or (found & 0xFFFF >= size[0]).any():
-        raise ImageError(f"{path}: the index is damaged: it has offsets outside the {size[0]}x{size[1]} pixels of the maps")
+        raise ImageError(
+            f"{path}: the index is damaged: it has offsets outside the {size[0]}x{size[1]} pixels of the maps"
+        )
     return found[numbers].reshape(*index.shape[:2], 1)
 
 
 def _result_of(part: Part, sources: Sources, cache: PieceCache, count: int) -> Part:
-    """The part that is copied from a map of the file, one of `count`, with the metadata of an EXR file of the result."""
+    """The part that is copied from a map, one of `count`, with the metadata of an EXR file of the result."""
     spec = Window.data(sources.spec).apply_to(part.spec)
     spec.tile_width = spec.tile_height = spec.tile_depth = 0
     spec.attribute("oiio:subimages", count)

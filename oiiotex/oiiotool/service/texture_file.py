@@ -86,7 +86,7 @@ class TextureFile:
     graph: str | None
     tiles: str | None
     plan: str | None
-    indexed: str | None  # an indexed image, the file itself
+    indexed: str | None = None  # an indexed image, the file itself
     stamp: tuple[int, ...]  # modification time (ns) and size of each file; a change makes another texture
     width: int  # px, 1 to 2^31 - 1024; 0 with a plan or an index, which define them
     height: int
@@ -138,9 +138,11 @@ def read_texture_file(name: str) -> TextureFile:
 def _indexed(path: Path, query: str) -> TextureFile:
     if query:
         raise ImageError(f"{path}: '?{query[:60]}': an indexed image has no settings: expected no query")
-    files: dict[str, str | None] = dict.fromkeys(_FILES) | {"indexed": os.path.abspath(path)}
-    stamp = _stamp(str(path), [os.path.abspath(path)])
-    return TextureFile(name=os.path.abspath(path), stamp=stamp, width=0, height=0, **files)
+    name = os.path.abspath(path)
+    stamp = _stamp(str(path), [name])
+    return TextureFile(
+        name=name, indexed=name, stamp=stamp, photo=None, graph=None, tiles=None, plan=None, width=0, height=0
+    )
 
 
 def _asked(query: str, where: str) -> dict[str, Any]:
