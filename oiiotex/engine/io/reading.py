@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..core.attributes import as_utf8
+from ..core.attributes import TAG, as_utf8
 from ..core.demand import assembled
 from ..core.image import IDS, Image, Part, dtype_of, in_memory, unrounded
 from ..core.piece_cache import PieceCache
@@ -241,9 +241,11 @@ def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
         spec.default_channel_names()
     if len(spec.channelformats) not in (0, spec.nchannels):
         spec.channelformats = ()
-    name, channels = spec.get_string_attribute(NAME), spec.channelnames
-    if as_utf8(name) != name:  # PSD files have names in the encodings of old computers
-        spec.attribute(NAME, as_utf8(name))
+    channels = spec.channelnames
+    for attribute in (NAME, TAG):  # PSD files have names in the encodings of old computers
+        name = spec.get_string_attribute(attribute)
+        if as_utf8(name) != name:
+            spec.attribute(attribute, as_utf8(name))
     if tuple(map(as_utf8, channels)) != channels:
         spec.channelnames = tuple(map(as_utf8, channels))
     names = [name.lower() for name in spec.channelnames]
