@@ -159,7 +159,7 @@ def unpacked(parts: list[Part], path: str, cache: PieceCache) -> list[Part]:
 
 
 def _require_index(maps: list[Part], index: Part, path: str) -> None:
-    """Refuse parts of which the last is no index of the others."""
+    """Refuse parts whose last one is not the index of the others."""
     spec, windows = index.spec, {part.window for part in maps}
     is_index = index.name == _INDEX and tuple(spec.channelnames) == _CHANNELS and spec.format == oiio.UINT
     if not is_index or len(windows) != 1 or max(window.size for window in windows) > (1 << BITS, 1 << BITS):

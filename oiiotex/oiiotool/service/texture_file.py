@@ -13,7 +13,7 @@ size, lod, colorspace or device.
 With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size.
 With `tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
 
-A file that is no document may be an indexed image (`engine.io.copies`), which names no other file.
+A file with this suffix can also be an indexed image (`engine.io.copies`). It names no other file.
 """
 
 from __future__ import annotations
