@@ -79,7 +79,7 @@ def make_folder(path: Path) -> None:
     save(pictures.stained(pictures.bricks(40, 48, seed=1)), path / "photo.png")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["photo.png", "--texlabel:photo=1", "-o", "labels.exr"], path)
-        run(["photo.png", "--texquilt:size=48x40:planfile=plan.npz", "-o", "quilt.exr"], path)
+        run(["photo.png", "--texquilt:size=48x40:planfile=plan.npz", "-o", "quilt.exr", "-o", "tile.oiiotex"], path)
     (path / "text.txt").write_text("no image")
     (path / "graph.json").write_text(json.dumps({"exemplars": [{"id": "a", "file": "photo.png"}], "edges": []}))
     (path / "table.json").write_text(json.dumps({"255,0,0": 1, "0,255,0": [1, 2]}))
@@ -207,6 +207,7 @@ TAKES = {
     "graph.json": "photo.png --texsynth:graph=IN:size=16x16 -o o.exr",
     "table.json": "labels.exr photo.png --texquilt:guide=1:palette=IN:size=32x32 -o o.exr",
     "plan.npz": "photo.png --texquilt:fromplan=IN -o o.exr",
+    "tile.oiiotex": shlex.join(READS),
 }
 
 

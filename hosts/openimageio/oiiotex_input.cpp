@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `wall.oiiotex` as an OpenImageIO image: an unbounded texture, tiled and MIP-mapped, computed on demand.
+// `wall.oiiotex` as an OpenImageIO image: an unbounded texture, tiled and MIP-mapped, computed on demand, or the maps of
+// an indexed image as subimages.
 
 #include "resident.h"
 
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <memory>
+#include <vector>
 
 OIIO_PLUGIN_NAMESPACE_BEGIN
 
@@ -20,7 +22,7 @@ public:
     const char* format_name() const override { return "oiiotexfile"; }
 
     // "procedural": the name may have a query after '?', so hosts do not check whether the file exists.
-    int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap"; }
+    int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap" || feature == "multiimage"; }
 
     bool valid_file(const std::string& name) const override { return is_ours(name); }
 
@@ -36,50 +38,52 @@ public:
                 throw oiiotex::Error(name + " is already a texture: expected the photo or graph that it is made from");
             auto texture                = std::make_unique<oiiotex::Texture>(name);
             const oiiotex::Reply answer = texture->ask("texture");
-            ImageSpec spec;
-            spec.from_xml(answer.facts.at("spec").get<std::string>().c_str());
+            std::vector<ImageSpec> parts;
+            for (const std::string xml : answer.facts.at("specs"))
+                parts.push_back(checked_spec(xml));
             const int64_t levels = answer.facts.at("levels");
-            if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.tile_width < 1 || spec.tile_height < 1
-                || spec.format == TypeUnknown || levels < 1 || levels > 31)
-                throw oiiotex::Error("the oiiotex process sent an invalid image spec");
-            spec.depth = spec.full_depth = spec.tile_depth = 1;
-            m_texture                                      = std::move(texture);
+            if (parts.empty() || levels < 1 || levels > 31)
+                throw oiiotex::Error("the oiiotex process sent an invalid image");
+            m_texture = std::move(texture);
             m_levels  = int(levels);
-            m_finest  = spec;
-            m_level   = 0;
-            m_spec = newspec = spec;
+            m_parts   = std::move(parts);
+            m_part = m_level = 0;
+            m_spec = newspec = m_parts[0];
         });
     }
 
     bool close() override
     {
         m_texture.reset();
+        m_parts.clear();
         m_levels = 0;
         return true;
     }
 
+    int current_subimage() const override { return m_part; }
     int current_miplevel() const override { return m_level; }
 
     bool seek_subimage(int subimage, int miplevel) override
     {
         lock_guard guard(*this);
-        if (subimage != 0 || miplevel < 0 || miplevel >= m_levels)
+        if (!has(subimage, miplevel))
             return false;
+        m_part  = subimage;
         m_level = miplevel;
-        m_spec  = level_spec(miplevel);
+        m_spec  = level_spec(subimage, miplevel);
         return true;
     }
 
     // Neither of these changes the current position, so threads need not wait for each other.
     ImageSpec spec(int subimage, int miplevel) override
     {
-        return subimage == 0 && miplevel >= 0 && miplevel < m_levels ? level_spec(miplevel) : ImageSpec();
+        return has(subimage, miplevel) ? level_spec(subimage, miplevel) : ImageSpec();
     }
     ImageSpec spec_dimensions(int subimage, int miplevel) override
     {
         ImageSpec dimensions;
-        if (subimage == 0 && miplevel >= 0 && miplevel < m_levels)
-            dimensions.copy_dimensions(level_spec(miplevel));
+        if (has(subimage, miplevel))
+            dimensions.copy_dimensions(level_spec(subimage, miplevel));
         return dimensions;
     }
 
@@ -92,7 +96,7 @@ public:
         }
         return guarded([&] {
             const oiiotex::Json window { x, y, int64_t(x) + level.tile_width, int64_t(y) + level.tile_height };
-            m_texture->ask("tile", { { "level", miplevel }, { "window", window } })
+            m_texture->ask("tile", { { "part", subimage }, { "level", miplevel }, { "window", window } })
                 .copy_pixels(data, level.tile_bytes(true));
         });
     }
@@ -105,8 +109,9 @@ public:
 
 private:
     std::unique_ptr<oiiotex::Texture> m_texture;
-    ImageSpec m_finest;
+    std::vector<ImageSpec> m_parts;  // of the finest levels
     int m_levels = 0;
+    int m_part   = 0;
     int m_level  = 0;
 
     static bool is_ours(const std::string& name)
@@ -114,9 +119,25 @@ private:
         return Strutil::iends_with(Filesystem::exists(name) ? name : name.substr(0, name.find('?')), ".oiiotex");
     }
 
-    ImageSpec level_spec(int level) const
+    static ImageSpec checked_spec(const std::string& xml)
     {
-        ImageSpec spec = m_finest;
+        ImageSpec spec;
+        spec.from_xml(xml.c_str());
+        if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.tile_width < 1 || spec.tile_height < 1
+            || spec.format == TypeUnknown)
+            throw oiiotex::Error("the oiiotex process sent an invalid image spec");
+        spec.depth = spec.full_depth = spec.tile_depth = 1;
+        return spec;
+    }
+
+    bool has(int part, int level) const
+    {
+        return part >= 0 && part < int(m_parts.size()) && level >= 0 && level < m_levels;
+    }
+
+    ImageSpec level_spec(int part, int level) const
+    {
+        ImageSpec spec = m_parts[part];
         spec.width = spec.full_width = std::max(1, spec.width >> level);
         spec.height = spec.full_height = std::max(1, spec.height >> level);
         return spec;

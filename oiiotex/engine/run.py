@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
 from .core.access import Neighborhood, Pointwise
-from .core.attributes import SOURCE, mark_as_data, note, tag_colors
+from .core.attributes import PROVISIONAL, SOURCE, mark_as_data, note, tag_colors
 from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
 from .core.op import Kind, Op, Output, Plan, Space, errors_of, no_pixels
+from .core.source_map import Copied, Sources
 from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
@@ -42,7 +43,6 @@ log = logging.getLogger("oiiotex")
 _TYPES = {Kind.IDS: "uint", Kind.PICTURE: "uint8"} | dict.fromkeys(
     (Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE), "float"
 )
-_PROVISIONAL = "oiiotex:provisional"  # attribute of parts whose windows, channels or number are not final
 _CHANNELS = {Kind.COORDINATES: 2, Kind.PICTURE: 3, Kind.CRYPTOMATTE: 4} | dict.fromkeys(
     (Kind.IDS, Kind.MASK, Kind.MEASURE), 1
 )
@@ -127,12 +127,12 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
 
 def is_provisional(image: Image) -> bool:
     """Whether windows, channels or number of the image's parts depend on pixels, so that they may change."""
-    return any(part.spec.get_int_attribute(_PROVISIONAL) for part in image.parts)
+    return any(part.spec.get_int_attribute(PROVISIONAL) for part in image.parts)
 
 
 def as_provisional(image: Image) -> Image:
     """The image marked as one whose windows, channels or number of parts may change."""
-    return Image(tuple(_saying(part, {_PROVISIONAL: 1}) for part in image.parts), image.source)
+    return Image(tuple(_saying(part, {PROVISIONAL: 1}) for part in image.parts), image.source)
 
 
 def _declared(op: Op, source: str) -> Image:
@@ -147,12 +147,13 @@ def _declared(op: Op, source: str) -> Image:
             parts += [getattr(op, output.of).first] if asked else []
         elif asked is True and output.kind.is_image:
             name = operands[0].first.name if operands and output.kind is Kind.PIXELS else output.name
-            parts.append(_declared_part(output, name, like, stored=op.prefix == Op.prefix))
+            copies = op.copies and output.kind is Kind.PIXELS
+            parts.append(_declared_part(output, name, like, stored=op.prefix == Op.prefix, copies=copies))
     parts += op.carried()
     return Image(tuple(parts), source)
 
 
-def _declared_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) -> Part:
+def _declared_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool, copies: bool) -> Part:
     """A part of which only the kind of output is known."""
     count = _CHANNELS.get(output.kind, like.nchannels)
     spec = oiio.ImageSpec(1, 1, count, _type_of(output) or like.format)
@@ -160,7 +161,8 @@ def _declared_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool
         spec.channelnames, spec.alpha_channel = like.channelnames, like.alpha_channel
 
     pixel_type = spec.format if stored else None
-    return Part(name.replace(".N", ".1"), spec, no_pixels, pixel_type, ready=True, exact=output.kind.is_exact)
+    fetch = Copied(Sources(no_pixels, spec), no_pixels, (1, 1)) if copies else no_pixels
+    return Part(name.replace(".N", ".1"), spec, fetch, pixel_type, ready=True, exact=output.kind.is_exact)
 
 
 @dataclass(frozen=True)

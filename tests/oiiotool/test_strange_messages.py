@@ -67,7 +67,7 @@ REQUESTS: tuple[dict[str, Any], ...] = (
         "look": True,
     },
     {"do": "texture", "texture": json.dumps(TEXTURE)},
-    {"do": "tile", "texture": json.dumps(TEXTURE), "level": 0, "window": [0, 0, 64, 64]},
+    {"do": "tile", "texture": json.dumps(TEXTURE), "part": 0, "level": 0, "window": [0, 0, 64, 64]},
     {"do": "drop", "image": 1},
     {"do": "cancel", "job": 1},
 )

@@ -25,6 +25,7 @@ ATLAS = "oiiotex:atlas"  # of an atlas of Wang tiles: columns x rows
 ESTIMATE = "oiiotex:estimate"  # of estimated maps: the method
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
 WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane
+PROVISIONAL = "oiiotex:provisional"  # of parts whose windows, channels or number are not final
 PLANE = "oiiotex:plane"  # of a crop of one: key of the settings that determine its pixels
 
 _OF_COLORS = (  # what a file says of its colors, in addition to TAG

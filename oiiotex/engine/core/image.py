@@ -27,6 +27,10 @@ _NUMPY = {
 Pixels: TypeAlias = "np.ndarray | oiio.ImageBuf"
 
 
+class ArrayFetch:
+    """A `fetch` that returns arrays, which do not depend on metadata: a part keeps it if only those change."""
+
+
 @dataclass(frozen=True)
 class Part:
     """One image of a file (a subimage).
@@ -127,7 +131,7 @@ class Part:
         same = Window.data(spec) == self.window and Window.display(spec) == Window.display(self.spec)
         levels = tuple(level.respecced(change) for level in self.levels) if same else ()
 
-        def fetch(window: Window) -> Pixels:
+        def moved(window: Window) -> Pixels:
             there = window.shifted(-x, -y)
             if not spec.deep:
                 return self.read(there)
@@ -135,7 +139,8 @@ class Part:
             change(buffer.specmod())
             return buffer
 
-        return dataclasses.replace(self, spec=spec, fetch=fetch, levels=levels)
+        kept = isinstance(self.fetch, ArrayFetch) and same and spec.format == self.spec.format
+        return dataclasses.replace(self, spec=spec, fetch=self.fetch if kept else moved, levels=levels)
 
 
 @dataclass(frozen=True)

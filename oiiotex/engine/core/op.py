@@ -107,7 +107,7 @@ class Output:
         return f"{self.help} [{self.kind.value}{f'; with {self.asked_by}' if self.asked_by else ''}]"
 
 
-def no_pixels(window: Window) -> NoReturn:
+def no_pixels(window: Window | None = None) -> NoReturn:
     """The `fetch` of parts that are only planned."""
     raise AssertionError(f"{window} is read before the work")
 

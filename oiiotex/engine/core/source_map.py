@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ..deferred import np, oiio
 from ..errors import ImageError
 from .demand import SomeRows, held_pixels, rows_of
-from .image import Part, derived_spec, spec_beside
+from .image import ArrayFetch, Part, derived_spec, spec_beside
 from .op import Kind, Output
 from .scratch import TileStore
 from .tiling import tiled_spec
@@ -166,20 +166,43 @@ class Sources:
 
     def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
         """A part with that spec, copied from the pixels of a part, which are read now unless they are read by rows."""
-        if self.by_rows:
-            rows = rows_of(part)
-            return Part(part.name, spec, lambda window: self.read(window).gather(rows), part.stored, exact=part.exact)
-        held = self.resources
-        pixels = np.ascontiguousarray(part.pixels()) if held is None else held_pixels(part, held.budget, held.cache)
-        spread: Callable[..., Iterable[np.ndarray]] = map if held is None else held.spread
+        pixels = rows_of(part) if self.by_rows else self._held(part)
+        fetch = Copied(self, lambda: pixels, (part.spec.width, part.spec.height))
+        return Part(part.name, spec, fetch, part.stored, ready=self.ready and not self.by_rows, exact=part.exact)
 
-        def fetch(window: Window) -> np.ndarray:
-            where = self.read(window)
-            rows = max(1, _AT_ONCE // max(1, window.width))
-            pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
-            return np.concatenate(list(spread(lambda piece: piece.gather(pixels), pieces)))
+    def _held(self, part: Part) -> np.ndarray | TileStore:
+        """The pixels of a part for random access."""
+        if self.resources is None:
+            return np.ascontiguousarray(part.pixels())
+        return held_pixels(part, self.resources.budget, self.resources.cache)
 
-        return Part(part.name, spec, fetch, part.stored, ready=self.ready, exact=part.exact)
+
+@dataclass(frozen=True, eq=False)
+class Copied(ArrayFetch):
+    """The `fetch` of a part whose pixels are copies; a part that is changed has another one.
+
+    Attributes
+    ----------
+    sources : Sources
+    pixels : callable
+        Returns the exemplar, (height, width, channels).
+    size : (int, int)
+        Width and height of the exemplar.
+    """
+
+    sources: Sources
+    pixels: Callable[[], SomeRows]
+    size: tuple[int, int]
+
+    def __call__(self, window: Window) -> np.ndarray:
+        """The pixels of a window."""
+        where, pixels = self.sources.read(window), self.pixels()
+        if not isinstance(pixels, np.ndarray | TileStore):
+            return where.gather(pixels)
+        spread = map if self.sources.resources is None else self.sources.resources.spread
+        rows = max(1, _AT_ONCE // max(1, window.width))
+        pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
+        return np.concatenate(list(spread(lambda piece: piece.gather(pixels), pieces)))
 
 
 def require_addressable(shape: tuple[int, ...]) -> None:

@@ -81,7 +81,8 @@ def keep_true(spec: oiio.ImageSpec, format_name: str) -> None:
 def _own(spec: oiio.ImageSpec) -> Iterator[tuple[str, Any]]:
     """Our attributes, of types that JSON has."""
     for attribute in spec.extra_attribs:
-        if attribute.name.startswith(OURS) and isinstance(attribute.value, (str, int, float)):
+        readable = isinstance(attribute.value, (str, int, float)) and not _SURROGATE.search(attribute.name)
+        if attribute.name.startswith(OURS) and readable:
             yield attribute.name, attribute.value
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import os
@@ -11,7 +12,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..core.attributes import as_utf8
+from ..core.attributes import TAG, as_utf8
 from ..core.demand import assembled
 from ..core.image import IDS, Image, Part, dtype_of, in_memory, unrounded
 from ..core.piece_cache import PieceCache
@@ -20,6 +21,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, either, one_line
 from .atomic import held_beside, part_of, release
+from .copies import is_indexed, unpacked
 from .description import NAME, restore
 from .documents import require_regular
 
@@ -66,6 +68,8 @@ def read(
     for specs in source.specs():
         levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
+    if is_indexed(path):
+        parts = unpacked(parts, path, cache)
     image = Image(tuple(parts), path)
     return upright(image) if turned else image
 
@@ -115,11 +119,16 @@ class _OpenFile:
         _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        opened = oiio.ImageInput.open(self.place, self._config)
+        with _without_plugin(self.place) as self._opened_as:
+            opened = oiio.ImageInput.open(self._opened_as, self._config)
         if opened is None:
-            message = error_text(oiio.geterror) or "unknown format"
+            message = self._error(oiio.geterror) or "unknown format"
             raise ImageError(f"{self.path}: cannot read the image: {message}")
         return opened
+
+    def _error(self, geterror: Callable[[], str]) -> str:
+        """An error of OpenImageIO, with the file's own name."""
+        return error_text(geterror).replace(self._opened_as, self.place)
 
     def keep(self) -> None:
         """Continue reading under another name: most readers reopen the file to go back to earlier rows."""
@@ -181,7 +190,7 @@ class _OpenFile:
         else:
             square = place.left, place.right, place.top, place.bottom
             pixels = self._input.read_tiles(*where, *square, 0, 1, run.start, run.stop, kind)
-        message = error_text(self._input.geterror)
+        message = self._error(self._input.geterror)
         if _state_of(self.place) != self._state:  # the rows may come from two files
             raise ImageError(f"{self.path}: the file was changed by another program while it was read")
         if pixels is None or message:  # libjpeg fills missing pixels, and only reports it
@@ -207,6 +216,16 @@ class _OpenFile:
         return small
 
 
+@contextlib.contextmanager
+def _without_plugin(path: str) -> Iterator[str]:
+    """A name by which OpenImageIO does not take an indexed image for one of its plugin for .oiiotex files."""
+    if not (is_indexed(path) and os.path.isdir("/dev/fd")):
+        yield path
+        return
+    with open(path, "rb") as file:
+        yield f"/dev/fd/{file.fileno()}"
+
+
 def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
     """A file's spec without fields that contradict each other, as readers deliver of some files.
 
@@ -222,9 +241,11 @@ def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
         spec.default_channel_names()
     if len(spec.channelformats) not in (0, spec.nchannels):
         spec.channelformats = ()
-    name, channels = spec.get_string_attribute(NAME), spec.channelnames
-    if as_utf8(name) != name:  # PSD files have names in the encodings of old computers
-        spec.attribute(NAME, as_utf8(name))
+    channels = spec.channelnames
+    for attribute in (NAME, TAG):  # PSD files have names in the encodings of old computers
+        name = spec.get_string_attribute(attribute)
+        if as_utf8(name) != name:
+            spec.attribute(attribute, as_utf8(name))
     if tuple(map(as_utf8, channels)) != channels:
         spec.channelnames = tuple(map(as_utf8, channels))
     names = [name.lower() for name in spec.channelnames]

@@ -18,6 +18,7 @@ from ..deferred import np, oiio
 from ..errors import ImageError, either, present, reason_of
 from ..machine import program, start
 from .atomic import held_beside, release, temporary_beside
+from .copies import SUFFIX, format_of, packed
 from .cryptomatte import matte_channels
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
@@ -95,6 +96,8 @@ def _prepared(
 ) -> tuple[oiio.ImageOutput, Image, list[list[oiio.ImageSpec]]]:
     """The writer, the image fitted to its format, and the specs of its parts."""
     how = how if isinstance(how, Format) else Format(pixel_type=how)
+    if path.suffix == SUFFIX and not how.format_name:
+        image, how = packed(image, path), format_of(how)
     out = oiio.ImageOutput.create(how.format_name or str(temporary))
     if out is None:
         oiio.geterror()  # discarded: it names the temporary file

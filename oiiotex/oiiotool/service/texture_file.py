@@ -12,6 +12,8 @@ size, lod, colorspace or device.
 
 With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size.
 With `tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
+
+A file with this suffix can also be an indexed image (`engine.io.copies`). It names no other file.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ...engine.errors import ImageError
+from ...engine.io.copies import is_indexed
 from ...engine.io.documents import read_document
 from ...engine.io.schema import Allowed, Seed, read_as
 from ...engine.session import Session
@@ -36,7 +39,7 @@ MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # characters of a file name
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO uses 32-bit integers, and adds a tile
 _TILES = (64, 128, 256, 512, 1024)  # px; tile sizes reported to hosts
 _MOST_TILES = 1 << 28  # per level: OpenImageIO's cache keeps a bit for each tile, with 32-bit indices
-_FILES = ("photo", "graph", "tiles", "plan")
+_FILES = ("photo", "graph", "tiles", "plan", "indexed")
 _QUERY = ("seed", "size", "lod", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
@@ -73,15 +76,19 @@ def tile_side(width: int, height: int) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFile:
-    """A checked document. Paths are absolute. Exactly one of photo, graph and tiles is set; plan requires photo."""
+    """A checked document. Paths are absolute.
+
+    Exactly one of photo, graph, tiles and indexed is set; plan requires photo.
+    """
 
     name: str  # of the file, for messages
     photo: str | None
     graph: str | None
     tiles: str | None
     plan: str | None
+    indexed: str | None = None  # an indexed image, the file itself
     stamp: tuple[int, ...]  # modification time (ns) and size of each file; a change makes another texture
-    width: int  # px, 1 to 2^31 - 1024; 0 with a plan, which defines them
+    width: int  # px, 1 to 2^31 - 1024; 0 with a plan or an index, which define them
     height: int
     seed: int | None = None  # of --texsynth, as is lod
     lod: int | None = None
@@ -120,10 +127,22 @@ def read_texture_file(name: str) -> TextureFile:
             raise ImageError(f"{name[:300]}: {called} has {len(text)} characters: expected at most {most}, without NUL")
     path = Path(name)
     where = str(path)
+    if is_indexed(path):
+        return _indexed(path, query)
     document = read_document(path)
     if query and isinstance(document, dict):
         document |= _asked(query, where)
     return _checked(read_as(_TextureDocument, document, where), path)
+
+
+def _indexed(path: Path, query: str) -> TextureFile:
+    if query:
+        raise ImageError(f"{path}: '?{query[:60]}': an indexed image has no settings: expected no query")
+    name = os.path.abspath(path)
+    stamp = _stamp(str(path), [name])
+    return TextureFile(
+        name=name, indexed=name, stamp=stamp, photo=None, graph=None, tiles=None, plan=None, width=0, height=0
+    )
 
 
 def _asked(query: str, where: str) -> dict[str, Any]:

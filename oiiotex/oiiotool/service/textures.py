@@ -2,7 +2,8 @@
 """Textures for hosts: tiles of MIP levels, each half the size of the previous one.
 
 Levels are those of --texsynth, and tiles are windows of them, bit for bit. A plan has one level, the result of
---texquilt. A set of tiles has one level, the tiles arranged side by side. Pixels are computed and cached in blocks of
+--texquilt. A set of tiles has one level, the tiles arranged side by side. An indexed image has one, and a part for each
+map. Pixels are computed and cached in blocks of
 several tiles, because the coarser levels of a window cost more than a small window itself.
 """
 
@@ -14,7 +15,7 @@ from typing import Any
 
 from ...engine.core.attributes import EDGES, WINDOW
 from ...engine.core.demand import assembled
-from ...engine.core.image import Image, Part, dtype_of, tagged
+from ...engine.core.image import Image, Part, cropped, tagged
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError
@@ -33,34 +34,41 @@ _PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
 class OpenTexture:
     """An open texture file.
 
-    `spec`: spec of the finest level; `levels`: number of levels.
+    `specs`: specs of the finest level of each part; `levels`: number of levels.
     """
 
     def __init__(self, text: str, session: Session):
         self._text, file = text, TextureFile.of_text(text)
         file.require_unchanged()
-        kind = _QuiltTexture if file.plan else _TilesTexture if file.tiles else _EndlessTexture
-        self._made = kind(file, session)
-        self.spec, self.levels = self._made.spec, self._made.levels
+        self._made = _kind_of(file)(file, session)
+        self.specs, self.levels = self._made.specs, self._made.levels
         tile = tile_side(self.spec.width, self.spec.height)
-        self.spec.tile_width = self.spec.tile_height = tile
-        self.spec.tile_depth = 1
+        for spec in self.specs:
+            spec.tile_width = spec.tile_height = tile
+            spec.tile_depth = 1
         self._side = max(_BLOCK, tile)
 
-    def tile(self, level: int, window: Window, session: Session) -> np.ndarray:
-        """Pixels of a level (0: the finest), (height, width, channels) of the spec's pixel type.
+    @property
+    def spec(self) -> oiio.ImageSpec:
+        """The spec of the first part."""
+        return self.specs[0]
 
-        Outside the image, an unbounded texture continues; a quilt is black.
+    def tile(self, level: int, window: Window, session: Session, part: int = 0) -> np.ndarray:
+        """Pixels of a level (0: the finest) of a part, (height, width, channels) of the spec's pixel type.
+
+        Outside the image, an unbounded texture continues; a quilt and an indexed image are black.
         """
         size = f"{window.width}x{window.height}"
         if window.empty or window.width * window.height > _MOST or (window & _PLANE) != window:
             raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: expected 1 to {_MOST} px, near the origin")
         if not 0 <= level < self.levels:
             raise ImageError(f"level {level}: expected 0 to {self.levels - 1}")
+        if not 0 <= part < len(self.specs):
+            raise ImageError(f"part {part}: expected 0 to {len(self.specs) - 1}")
 
         def block(place: Window) -> np.ndarray:
-            made = self._made
-            return session.resources.cache.get((self._text, level, place), lambda: made.pixels(level, place, session))
+            key = self._text, part, level, place
+            return session.resources.cache.get(key, lambda: self._made.pixels(part, level, place, session))
 
         return assembled(window, (self._side, self._side), _PLANE, block)
 
@@ -74,16 +82,16 @@ class _EndlessTexture:
         self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, lod=file.lod)
         first = self._part(Window(0, 0, 1, 1), session, file.lod)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
-        self.spec = _spec_of(first, file)
+        self.specs = [_spec_of(first, file)]
         self.levels = max(file.width, file.height).bit_length()  # down to one pixel
 
-    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
         """The pixels of a window of a level."""
         if level > self._finest:
-            pixel = self.pixels(self._finest, Window(0, 0, 1, 1), session)
+            pixel = self.pixels(part, self._finest, Window(0, 0, 1, 1), session)
             return np.broadcast_to(pixel, (place.height, place.width, pixel.shape[2]))
-        part = self._part(place, session, self._finest - level)
-        return part.read(part.window)
+        plane = self._part(place, session, self._finest - level)
+        return plane.read(plane.window)
 
     def _part(self, place: Window, session: Session, lod: int | None) -> Part:
         window = f"{place.width}x{place.height}{place.left:+d}{place.top:+d}"
@@ -102,17 +110,29 @@ class _QuiltTexture:
         exemplar = _opened(file.photo or "", file, session)
         op = _use("quilt", exemplar=exemplar, fromplan=Path(file.plan or ""))
         self._part: Part = op.make(op.plan(quiet.resources), quiet)["quilt"]
-        self.spec = oiio.ImageSpec(self._part.spec)
-        if not tile_side(self.spec.width, self.spec.height):
-            raise ImageError(f"{file.plan}: too large: expected at most 2^48 px in total")
+        self.specs = [oiio.ImageSpec(self._part.spec)]
+        _require_countable(file.plan, self._part)
 
-    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
         """The pixels of a window, black outside the image."""
-        inside = place & self._part.window
-        out = np.zeros((place.height, place.width, self.spec.nchannels), dtype_of(self.spec))
-        if not inside.empty:
-            out[inside.inside(place)] = self._part.read(inside)
-        return out
+        return _or_black(self._part, place)
+
+
+class _IndexedTexture:
+    """The maps of an indexed image. They have one level; hosts can make further ones."""
+
+    levels = 1
+
+    def __init__(self, file: TextureFile, session: Session):
+        self._parts = _opened(file.indexed or "", file, session).parts
+        self.specs = [oiio.ImageSpec(part.spec) for part in self._parts]
+        for spec in self.specs:
+            spec.channelformats = ()
+        _require_countable(file.indexed, self._parts[0])
+
+    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
+        """The pixels of a window, black outside the image."""
+        return _or_black(self._parts[part], place)
 
 
 class _TilesTexture:
@@ -123,11 +143,28 @@ class _TilesTexture:
     def __init__(self, file: TextureFile, session: Session):
         tiles = _opened(file.tiles or "", file, session)
         self._plane = TilePlane(tiles, file.seed or 0)
-        self.spec = _spec_of(tiles.first, file)
+        self.specs = [_spec_of(tiles.first, file)]
 
-    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
         """The pixels of a window."""
         return self._plane.pixels(place)
+
+
+def _kind_of(file: TextureFile) -> type[_EndlessTexture | _QuiltTexture | _IndexedTexture | _TilesTexture]:
+    if file.indexed:
+        return _IndexedTexture
+    return _QuiltTexture if file.plan else _TilesTexture if file.tiles else _EndlessTexture
+
+
+def _or_black(part: Part, place: Window) -> np.ndarray:
+    """The pixels of a window, black outside the part."""
+    return cropped(part, place).read(place)
+
+
+def _require_countable(name: str | None, part: Part) -> None:
+    """Raise ImageError if a cache of OpenImageIO cannot count the tiles."""
+    if not tile_side(part.spec.width, part.spec.height):
+        raise ImageError(f"{name}: too large: expected at most 2^48 px in total")
 
 
 def _use(name: str, **values: Any) -> Any:

@@ -87,17 +87,18 @@ class Bench:
         return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
 
     def texture(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """The spec of a texture file, as OpenImageIO XML, and its number of levels."""
+        """The specs of a texture file's parts, as OpenImageIO XML, and their number of levels."""
         session = self._session.telling(Progress(job.advance))
         texture = session.resources.on_a_device(lambda: opened(asked["texture"], session))
-        return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
+        return {"specs": [spec.to_xml() for spec in texture.specs], "levels": texture.levels}, []
 
     def tile(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Pixels of a window (left, top, right, bottom) of a level of a texture file."""
+        """Pixels of a window (left, top, right, bottom) of a level of a part of a texture file."""
         session, window = self._session.telling(Progress(job.advance)), Window(*map(int, asked["window"]))
 
         def made() -> np.ndarray:
-            return opened(asked["texture"], session).tile(int(asked["level"]), window, session)
+            texture = opened(asked["texture"], session)
+            return texture.tile(int(asked["level"]), window, session, int(asked["part"]))
 
         return {}, [session.resources.on_a_device(made)]
 
