@@ -191,7 +191,7 @@ class Copied(ArrayFetch):
     """
 
     sources: Sources
-    pixels: Callable[[], SomeRows]
+    pixels: Callable[[], SomeRows | TileStore]
     size: tuple[int, int]
 
     def __call__(self, window: Window) -> np.ndarray:
