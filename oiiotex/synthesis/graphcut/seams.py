@@ -239,7 +239,8 @@ def grown(mask: np.ndarray, by: int) -> np.ndarray:
     """A mask, (h, w) bool, with all pixels that are at most `by` px away along both axes."""
     for axis in (0, 1):
         margins = [(by * (n == axis),) * 2 for n in (0, 1)]
-        mask = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis).any(-1)
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis)
+        mask = np.logical_or.reduce(windows, -1)
     return mask
 
 
