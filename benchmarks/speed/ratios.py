@@ -10,6 +10,7 @@ benchmarks/shared/peers.py. Each pair runs once to fill caches. On a shared mach
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import tempfile
 from pathlib import Path
@@ -29,6 +30,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--only", default="", help="lines that contain this")
     given = parser.parse_args()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # programs in Python keep their bytecode, as after an install
     columns = "wall-clock s", "CPU s", "its wall-clock s", "its CPU s", "wall-clock ratio", "CPU ratio"
     print(f"| line | the other program | {' | '.join(columns)} |\n|{'---|' * 8}")
     with tempfile.TemporaryDirectory() as name:

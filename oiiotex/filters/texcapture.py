@@ -190,7 +190,7 @@ class Capture(InBands):
                 raise ImageError(f"has other channels than {first.source}", subject=photo.source)
 
     def _warn_if_moved(self, small: ReducedPhotos) -> None:
-        """Warn if the camera moved; a lattice of one shade that is seen a period further is no evidence."""
+        """Warn if the camera moved; one photo alone may show a lattice a period further."""
         from ..surfaces.capture.alignment import moved_photos
 
         moved = moved_photos(small.luminance)

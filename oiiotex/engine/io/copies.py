@@ -19,6 +19,7 @@ from ..core.attributes import PROVISIONAL, mark_as_data
 from ..core.demand import assembled, rows_of
 from ..core.image import Image, Part, spec_beside
 from ..core.piece_cache import PieceCache
+from ..core.scratch import TileStore
 from ..core.source_map import BITS, Copied, SourceMap, Sources
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -88,7 +89,8 @@ def _map_of(part: Part, fetch: Copied) -> Part:
 
     def read(window: Window) -> np.ndarray:
         rows, columns = window.inside(whole)
-        return fetch.pixels()[rows][:, columns]
+        pixels = fetch.pixels()
+        return pixels.window(rows, columns) if isinstance(pixels, TileStore) else pixels[rows][:, columns]
 
     return dataclasses.replace(part, spec=spec, fetch=read, levels=(), thumbnail=None)
 
