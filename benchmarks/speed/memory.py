@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,7 +76,7 @@ _BAND = 64  # rows of a tile
 
 
 class Peak(NamedTuple):
-    """What a process took: CPU seconds, resident megabytes, those without mapped files, and how it ended."""
+    """Cost of a process: CPU seconds, peak resident megabytes, those without mapped files, and how it ended."""
 
     cpu: float
     resident: int
@@ -84,7 +85,7 @@ class Peak(NamedTuple):
 
 
 def watched(words: list[str], folder: Path, limit: float) -> Peak:
-    """Run a command, for at most so many CPU seconds."""
+    """Run a command, which is ended after `limit` CPU seconds."""
     own, ended = 0, False
     with open(folder / "messages.txt", "w+") as messages:
         process = subprocess.Popen(words, cwd=folder, stdout=messages, stderr=messages)
@@ -122,8 +123,8 @@ def _seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def in_bands(path: Path, side: int, kind: str, channels: int, band_at) -> None:
-    """Write a square image by tiles; `band_at`: first row, last row -> (rows, side, channels)."""
+def in_bands(path: Path, side: int, kind: str, channels: int, band_at: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Write a square image by tiles; `band_at`: rows (n,) -> their pixels (n, side, channels)."""
     spec = oiio.ImageSpec(side, side, channels, kind)
     spec.tile_width = spec.tile_height = _BAND
     out = oiio.ImageOutput.create(str(path))

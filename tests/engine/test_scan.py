@@ -85,3 +85,13 @@ def test_it_ends_where_progress_says_so():
     with pytest.raises(Interrupted):
         scan(image.first, lens, resources, lambda *_: None, lambda piece, _: kept.append(piece), advance=advance)
     assert len(kept) == 4
+
+
+def test_a_scan_frees_a_cache_that_the_image_exceeds():
+    image, lens = at(0, 0, ROWS)
+    for limit, stays in ((ROWS.nbytes, True), (ROWS.nbytes - 1, False)):
+        resources = Session().resources
+        resources.cache.limit = limit
+        resources.cache.get("piece", lambda: np.zeros(1))
+        scan(image.first, lens, resources, lambda values, opaque, piece: None, lambda piece, found: None)
+        assert resources.cache.holds("piece") == stays

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 import tracemalloc
 from dataclasses import FrozenInstanceError, replace
 
@@ -104,3 +105,10 @@ def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
     run(session=Session())  # what is loaded once is loaded
     held, asked = peak_and_need(monkeypatch, lambda session: run(session=session))
     assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"
+
+
+@pytest.mark.parametrize(("need", "apart"), [(8 << 20, True), ((8 << 20) + 1, False)])
+def test_work_of_much_memory_does_not_run_in_the_background(need, apart):
+    resources = Session(threads=2, budget=64 << 20).resources
+    with resources.in_background(threading.get_ident, need) as thread:
+        assert (thread() != threading.get_ident()) == apart

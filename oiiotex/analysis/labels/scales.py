@@ -27,7 +27,6 @@ them is a level even if some of its superpixels lie in one label, so there are a
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -169,13 +168,11 @@ def label_maps(
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
     resources.cache.forget()  # everything has been read
     _require(resources, finest.window, finest.count, settings)
-    small = small_lab(finest)
+    small, tree_bytes = small_lab(finest), _RUN_BYTES * len(finest.runs.left)
     # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
     with threadpool_limits(1, "blas"):
         with (
-            resources.in_background(
-                functools.partial(hierarchy, finest, resources, sigmas), _RUN_BYTES * len(finest.runs.left)
-            ) as tree,
+            resources.in_background(lambda: hierarchy(finest, resources, sigmas), tree_bytes) as tree,
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)

@@ -369,9 +369,8 @@ def _keep_mattes(out: oiio.ImageOutput, path: Path, part: Part, spec: oiio.Image
 def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
     """Refuse an incomplete file: several of OpenImageIO's writers do not notice a full disk.
 
-    The last rows are read back, and one more block must fit on the disk, since other data may be missing: a writer that
-    seeks leaves a hole where a block found no room. The number of free blocks is not reliable on all file systems. Also
-    warns of lost metadata.
+    The last rows are read back, and one more block must fit on the disk, since a writer that seeks leaves holes if it
+    was full. The number of free blocks is not reliable on all file systems. Also warns of lost metadata.
 
     Raises
     ------
