@@ -36,7 +36,7 @@ def rare_regions(photo: Image, lens: Lens, resources: Resources) -> np.ndarray |
         return None
     reduced = lab_pixels(photo, lens, resources, max(1, round(max(height, width) / _SIDE)))
     patches = _patches(np.rint(reduced.lab * _STEPS).astype(np.float64))
-    seen = _patches(reduced.seen[..., None]).all(-1)
+    seen = np.asarray(_patches(reduced.seen[..., None]).all(-1))
     if np.count_nonzero(seen) < _COMPARED:
         return None
     found = _compact(_distances(patches, seen), seen)
@@ -66,9 +66,9 @@ def _distances(samples: np.ndarray, seen: np.ndarray) -> np.ndarray:
     distances, nearby = np.full(seen.shape, noise), np.empty(len(patches))
     for first in range(0, len(patches), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        away = (patches[some] ** 2).sum(1)[:, None] + squares - 2.0 * (patches[some] @ others.T)
-        nearby[some] = np.partition(away, nearest, 1)[:, nearest]
-    distances[seen] = np.sqrt(np.maximum(noise**2, nearby))
+        products = np.einsum("ik,jk->ij", patches[some], others)  # not BLAS, whose waiting threads cost as much again
+        nearby[some] = np.partition(squares - 2.0 * products, nearest, 1)[:, nearest]
+    distances[seen] = np.sqrt(np.maximum(noise**2, nearby + (patches * patches).sum(1)))
     return distances
 
 
