@@ -36,7 +36,7 @@ def rare_regions(photo: Image, lens: Lens, resources: Resources) -> np.ndarray |
         return None
     reduced = lab_pixels(photo, lens, resources, max(1, round(max(height, width) / _SIDE)))
     patches = _patches(np.rint(reduced.lab * _STEPS).astype(np.float64))
-    seen = np.asarray(_patches(reduced.seen[..., None]).all(-1))
+    seen = reduced.seen[::_STEP, ::_STEP]
     if np.count_nonzero(seen) < _COMPARED:
         return None
     found = _compact(_distances(patches, seen), seen)
