@@ -20,8 +20,8 @@ _USUAL, _VARIED = 0.9, 2.0  # if a tenth of the photo is farther than twice the 
 _PEAK = 1.85  # of that quantile: the least distance of the rarest region
 _LIKEWISE = 0.7  # of that region's: others of its kind
 _END = 1.5  # of the median: where a region ends
-_LONG, _THIN = 0.5, 4  # of the longer side, and times as long as wide: more are joints and cracks, which are structure
-_MOST, _LARGEST = 7, 0.25  # more regions, or a larger share of the photo, are the texture itself
+_LONG, _THIN = 0.3, 4  # of the longer side, and times as long as wide: more are joints and cracks
+_MOST, _LARGEST = 7, 0.12  # more regions, or a larger share of the photo, are the texture itself
 _AT_ONCE = 512  # patches
 
 
@@ -79,14 +79,12 @@ def _compact(distances: np.ndarray, seen: np.ndarray) -> np.ndarray:
     least = _PEAK * usual
     if usual > _VARIED * median or ordered[-1] < least:
         return np.zeros(seen.shape, bool)
-    places, peaks = connected(distances > _END * median), {}
-    for place in np.unique(places[distances > _LIKEWISE * least]):
-        region = places == place
-        short, long = sorted(np.ptp(line) + 1 for line in np.nonzero(region))
-        if long <= min(_LONG * max(seen.shape), _THIN * short):
-            peaks[place] = distances[region].max()
-    rarest = max(peaks.values(), default=0.0)
-    rare = [place for place, peak in peaks.items() if rarest >= least and peak >= _LIKEWISE * rarest]
+    places = connected(distances > _END * median)
+    rare = np.unique(places[distances >= _LIKEWISE * ordered[-1]])
+    for place in rare:
+        short, long = sorted(np.ptp(line) + 1 for line in np.nonzero(places == place))
+        if long > min(_LONG * max(seen.shape), _THIN * short):
+            return np.zeros(seen.shape, bool)
     high, wide = distances.shape
     padded = np.pad(np.isin(places, rare), 1)
     regions = np.logical_or.reduce([padded[y : y + high, x : x + wide] for y in range(3) for x in range(3)])
