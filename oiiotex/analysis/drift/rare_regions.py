@@ -20,8 +20,8 @@ _USUAL, _VARIED = 0.9, 2.0  # if a tenth of the photo is farther than twice the 
 _PEAK = 1.85  # of that quantile: the least distance of the rarest region
 _LIKEWISE = 0.7  # of that region's: others of its kind
 _END = 1.5  # of the median: where a region ends
-_LONG, _THIN = 0.5, 4  # of the longer side, and times as long as wide: more are joints and cracks, which are structure
-_MOST, _LARGEST = 7, 0.25  # more regions, or a larger share of the photo, are the texture itself
+_LONG, _THIN = 0.3, 4  # of the longer side, and times as long as wide: more are joints and cracks
+_MOST, _LARGEST = 7, 0.12  # more regions, or a larger share of the photo, are the texture itself
 _AT_ONCE = 512  # patches
 
 
@@ -36,7 +36,7 @@ def rare_regions(photo: Image, lens: Lens, resources: Resources) -> np.ndarray |
         return None
     reduced = lab_pixels(photo, lens, resources, max(1, round(max(height, width) / _SIDE)))
     patches = _patches(np.rint(reduced.lab * _STEPS).astype(np.float64))
-    seen = _patches(reduced.seen[..., None]).all(-1)
+    seen = reduced.seen[::_STEP, ::_STEP]
     if np.count_nonzero(seen) < _COMPARED:
         return None
     found = _compact(_distances(patches, seen), seen)
@@ -66,9 +66,9 @@ def _distances(samples: np.ndarray, seen: np.ndarray) -> np.ndarray:
     distances, nearby = np.full(seen.shape, noise), np.empty(len(patches))
     for first in range(0, len(patches), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        away = (patches[some] ** 2).sum(1)[:, None] + squares - 2.0 * (patches[some] @ others.T)
-        nearby[some] = np.partition(away, nearest, 1)[:, nearest]
-    distances[seen] = np.sqrt(np.maximum(noise**2, nearby))
+        products = np.einsum("ik,jk->ij", patches[some], others)  # not BLAS, whose waiting threads cost as much again
+        nearby[some] = np.partition(squares - 2.0 * products, nearest, 1)[:, nearest]
+    distances[seen] = np.sqrt(np.maximum(noise**2, nearby + (patches * patches).sum(1)))
     return distances
 
 
@@ -79,14 +79,12 @@ def _compact(distances: np.ndarray, seen: np.ndarray) -> np.ndarray:
     least = _PEAK * usual
     if usual > _VARIED * median or ordered[-1] < least:
         return np.zeros(seen.shape, bool)
-    places, peaks = connected(distances > _END * median), {}
-    for place in np.unique(places[distances > _LIKEWISE * least]):
-        region = places == place
-        short, long = sorted(np.ptp(line) + 1 for line in np.nonzero(region))
-        if long <= min(_LONG * max(seen.shape), _THIN * short):
-            peaks[place] = distances[region].max()
-    rarest = max(peaks.values(), default=0.0)
-    rare = [place for place, peak in peaks.items() if rarest >= least and peak >= _LIKEWISE * rarest]
+    places = connected(distances > _END * median)
+    rare = np.unique(places[distances >= _LIKEWISE * ordered[-1]])
+    for place in rare:
+        short, long = sorted(np.ptp(line) + 1 for line in np.nonzero(places == place))
+        if long > min(_LONG * max(seen.shape), _THIN * short):
+            return np.zeros(seen.shape, bool)
     high, wide = distances.shape
     padded = np.pad(np.isin(places, rare), 1)
     regions = np.logical_or.reduce([padded[y : y + high, x : x + wide] for y in range(3) for x in range(3)])
