@@ -32,6 +32,7 @@ _MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a w
 _REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
 _PAGES = 16  # to find out whether a disk is full
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_MOST_BLOCK = 1 << 16  # bytes; file systems of a network name what they send at once
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems without fsync
 
 OUTSIDE = "is not in the product's folder: expected $output, $report or $folder/NAME"
@@ -378,3 +379,17 @@ def _sync(path: Path) -> None:
 
 def _host() -> str:
     return re.sub(r"[^A-Za-z0-9]", "_", platform.node())
+
+
+def require_room(temporary: Path) -> None:
+    """Raise OSError if one more block does not fit: a file is incomplete only where the disk was full."""
+    with open(temporary, "r+b", buffering=0) as file:
+        status = os.fstat(file.fileno())
+        size, block = status.st_size, min(getattr(status, "st_blksize", 4096), _MOST_BLOCK)
+        file.seek((size // block + 1) * block)  # the last block of the file may have room
+        try:
+            file.write(b"\0")
+        except OSError as error:
+            if error.errno in _FULL:
+                raise
+        file.truncate(size)

@@ -17,7 +17,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, either, present, reason_of
 from ..machine import program, start
-from .atomic import held_beside, release, temporary_beside
+from .atomic import held_beside, release, require_room, temporary_beside
 from .copies import SUFFIX, format_of, packed
 from .cryptomatte import matte_channels
 from .description import warn_of_loss
@@ -31,8 +31,6 @@ _PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libweb
 _AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded as a whole on close
 _AT_ONCE = ("openexr", "dpx")  # several parts require all specs up front
 _MOST_HALF = 65504.0
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_MOST_BLOCK = 1 << 16  # bytes; file systems of a network name what they send at once
 _NOT_WHOLE = "the file is incomplete: is the disk full?"
 _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # the writer must not wait forever
 
@@ -378,7 +376,7 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
         The file cannot be read, or its end is missing.
     """
     try:
-        _require_room(temporary)
+        require_room(temporary)
         arrived = read(temporary, turned=False).parts
         for level in (level for part in arrived for level in (part, *part.levels)):
             last = Window(level.window.left, level.window.bottom - 1, level.window.right, level.window.bottom)
@@ -387,17 +385,3 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
         said = f" ({_of_target(reason_of(error), temporary, path)})" if isinstance(error, ImageError) else ""
         raise ImageError(f"{path}: {_NOT_WHOLE}{said}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
-
-
-def _require_room(temporary: Path) -> None:
-    """Raise OSError if one more block does not fit: a file is incomplete only where the disk was full."""
-    with open(temporary, "r+b", buffering=0) as file:
-        status = os.fstat(file.fileno())
-        size, block = status.st_size, min(getattr(status, "st_blksize", 4096), _MOST_BLOCK)
-        file.seek((size // block + 1) * block)  # the last block of the file may have room
-        try:
-            file.write(b"\0")
-        except OSError as error:
-            if error.errno in _FULL:
-                raise
-        file.truncate(size)
