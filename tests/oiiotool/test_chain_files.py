@@ -8,14 +8,13 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
 
 from oiiotex.engine.io import writing
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import save
-from tests.peer import OIIOTOOL, refused, same
+from tests.peer import OIIOTOOL, process_as_before, refused, same
 
 pytestmark = pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")
 
@@ -42,13 +41,8 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(autouse=True)
 def as_before():
-    """The lines set attributes of this process."""
-    kind = oiio.TypeDesc("int")
-    names = ("limits:channels", "jpeg:com_attributes", "png:linear_premult")
-    values = [oiio.getattribute(name, kind) for name in names]
-    yield
-    for name, value in zip(names, values, strict=True):
-        oiio.attribute(name, kind, value)
+    with process_as_before():
+        yield
 
 
 LINES = [

@@ -17,7 +17,7 @@ from oiiotex.engine.core.op import Op
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
-from tests.any_filter import SEVERAL, is_view, named, of, settings
+from tests.any_filter import LABELED, SEVERAL, is_view, named, of, settings
 
 FIGURE = re.compile(r"needs \d+ MB.* the budget is \d+ MB")
 SIDE = 30_000
@@ -62,13 +62,13 @@ class Reads:
         label = Image(
             (self.part("label.1", side, 1, oiio.UINT32), self.part("label.2", side, 1, oiio.UINT32)), "labels"
         )
-        photo = Image((self.part("photo", side, 3, oiio.FLOAT, "srgb_rec709_scene"),), "photo")
+        parts = label.parts if op.name in LABELED else ()
+        photo = Image((self.part("photo", side, 3, oiio.FLOAT, "srgb_rec709_scene"), *parts), "photo")
         coordinates = Image((self.part("st", side, 2, oiio.FLOAT, "data"),), "st")
         second = {"warp": coordinates, "project": photo}.get(op.name, label)
         images = [label if is_view(op) else photo, second][: len(op.images())]
         given = named(op, [photo] * SEVERAL[op.name] if op.name in SEVERAL else images)
-        values = settings(op, **more)
-        return op(**given, **values | ({"labels": label} if "labels" in values else {}))
+        return op(**given, **settings(op, **more))
 
 
 @of(list(filters.FILTERS))

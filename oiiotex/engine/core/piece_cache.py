@@ -10,7 +10,6 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from ..deferred import np
-from ..machine import return_freed_memory
 
 
 class PieceCache:
@@ -44,6 +43,8 @@ class PieceCache:
 
     def forget(self) -> None:
         """Evict all finished pieces, and return all freed memory to the system: a stage of the work has ended."""
+        from ..machine import return_freed_memory  # few runs free so much
+
         with self._lock:
             for key in [key for key, piece in self._pieces.items() if piece.done()]:
                 self._bytes -= self._pieces.pop(key).result().nbytes

@@ -61,7 +61,7 @@ def packed(image: Image, path: Path) -> Image:
     if others:
         raise ImageError(
             f"{path}: {', '.join(others)}: not copied from a photo, or changed since",
-            expected="the result of an op that copies, such as --texstationarize, --texquilt or --texwarp",
+            expected="the result of an op that copies, such as stationarize, quilt or warp",
             hint="write it directly after the op, or write EXR",
         )
     if any(part.spec.get_int_attribute(PROVISIONAL) for part in image.parts):
