@@ -74,6 +74,7 @@ def shaped(op: type[Op], height: int, width: int, dice: np.random.Generator) -> 
     if any_filter.is_view(op):
         return [labels], given
     if op.name in any_filter.LABELED:
+        given.pop("size", None)
         return [any_filter.labeled(photo, labels), labels][: len(op.images())], given
     if op.name in any_filter.REGIONS:
         return [photo, ids(x >= width // 2)], given
