@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
 from ..errors import ImageError, MemoryBudgetError
-from .image import Part, Pixels, dtype_of, from_pixels, pixels_of
+from .image import Part, Pixels, dtype_of, pixels_of
 from .piece_cache import PieceCache
 from .window import Window
 
@@ -214,12 +214,13 @@ def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> o
 
 def materialized(part: Part, budget: int) -> Part:
     """The same part with random access: in memory if it is small, otherwise in a temporary file."""
-    pixels, whole = held_pixels(part, budget), part.window
-    if isinstance(pixels, np.ndarray):
-        fetch = from_pixels(part.name, pixels, part.spec).fetch
-    else:
-        fetch = lambda window: pixels.window(*window.inside(whole))  # noqa: E731 - one of two
-    return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
+    held, whole = held_pixels(part, budget), part.window
+
+    def stored(window: Window) -> np.ndarray:
+        rows, columns = window.inside(whole)
+        return held[rows, columns] if isinstance(held, np.ndarray) else held.window(rows, columns)
+
+    return dataclasses.replace(part, fetch=stored, ready=True, levels=())
 
 
 def held_pixels(part: Part, budget: int, cache: PieceCache | None = None) -> np.ndarray | TileStore:
