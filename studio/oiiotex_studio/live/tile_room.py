@@ -193,7 +193,8 @@ class TileRoom:
             self._op, given, self._values() | self._material.values | {"st": 1},
             optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
-            on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
+            # finished is only what is measured and answered
+            on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total + 1),
         )  # fmt: skip
         try:
             facts, _ = await asyncio.wrap_future(request)
