@@ -235,11 +235,12 @@ def test_how_much_drift_there_was_is_logged(caplog):
 
 
 def wrapping(height: int, width: int) -> np.ndarray:
-    """Linear RGB that goes on beyond its borders: detail and slow drift of whole turns."""
+    """Linear RGB that goes on beyond its borders: detail in a slowly varying light, both of whole turns."""
     y, x = np.mgrid[:height, :width]
     slow = 0.12 * np.sin(2 * np.pi * x / width + 1) + 0.1 * np.cos(2 * np.pi * y / height + 2)
     fine = 0.05 * np.sin(2 * np.pi * (7 * x / width + 3 * y / height)) + 0.05 * np.cos(2 * np.pi * 11 * y / height)
-    return np.stack([0.3 + slow + fine, 0.3 + slow - fine, 0.25 + slow], -1).astype(np.float32)
+    light = (1 + slow / 0.3)[..., None]
+    return (light * np.stack([0.3 + fine, 0.3 - fine, np.full_like(fine, 0.25)], -1)).astype(np.float32)
 
 
 def steps_across(made: np.ndarray) -> list[float]:

@@ -77,6 +77,17 @@ def test_two_materials_keep_their_colors():
     assert apart > 0.85 * was
 
 
+def test_a_mixture_of_two_materials_is_not_tinted():
+    """White paint on rust, more of it to the right: it stays nearly white (by the level alone it gets 6 and 21)."""
+    rng = np.random.default_rng(1)
+    heights, x = gaussian_filter(rng.standard_normal((200, 260)), 3), np.linspace(0, 1, 260)
+    paint = heights > np.quantile(heights, 1 - 0.05 - 0.4 * x)[None]
+    photo = np.where(paint[..., None], [0.8, 0.8, 0.8], [0.25, 0.07, 0.03]) * rng.uniform(0.9, 1.1, (200, 260, 1))
+    made = lab_of(pixels(filters.flatten(linear(photo))))
+    for side, most in ((slice(None, 80), 3), (slice(-80, None), 10)):
+        assert np.hypot(*made[:, side][paint[:, side]].mean(0)[1:]) < most
+
+
 def test_dark_windows_stay_dark():
     """Two windows in a wall that is lit from one side: they are no shade."""
     wall = pictures.bricks(240, 320, 2) ** 2.2 * np.linspace(0.6, 1.4, 320)[None, :, None]

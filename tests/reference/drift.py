@@ -55,7 +55,8 @@ def flattened(
     local = {at: median(spreads, *at) for at in planes}
     overall = [np.median([field[at] for at in seen], axis=0) for field in (level, local)]
     gain = {at: np.clip(((overall[1] + 1) / (local[at] + 1)) ** contrast, 0.5, 2) for at in planes}
-    gain = {at: 1 + amount * (g - 1) for at, g in gain.items()}
+    shares = {at: light_share(level[at], local[at], *overall) for at in planes}
+    gain = {at: 1 + amount * shares[at] * (g - 1) for at, g in gain.items()}
     overall, target = overall[0], overall[0] if target is None else target
     darkest, brightest = values[opaque][:, 0].min(), values[opaque][:, 0].max()
     sure = min(1.0, max(0.0, (20 - max(tint(level[at], overall) for at in seen)) / (20 - 12)))
@@ -64,13 +65,13 @@ def flattened(
     def change(at: tuple[int, int]) -> list[float]:
         """Gain and offset of L, ratio of levels, gains and offsets of color."""
         own = level[at]
-        goal = own[0] + amount * (np.clip(overall[0] - own[0], -40, 40) + target[0] - overall[0])
+        share = shares[at]
+        goal = own[0] + amount * (share[0] * np.clip(overall[0] - own[0], -40, 40) + target[0] - overall[0])
         f = (max(goal, 0) + 16) / 116
         here, common, wanted = (relit(lab, goal)[[0, 2]] for lab in (own, overall, target))
-        less = 1 + sure * (np.minimum(gain[at][1:], 1) - 1)
-        moved = here + amount * (sure * (common - here) + wanted - common) - f - less * (here - f)
+        moved = amount * (share[1:] * sure * (common - here) + wanted - common)
         ratio = np.clip(max(goal, 1) / max(own[0], 1), 0.25, 4)
-        return [gain[at][0], goal - own[0] * gain[at][0], ratio, *less, *moved / max(f - 4 / 29, 4 / 29)]
+        return [gain[at][0], goal - own[0] * gain[at][0], ratio, 1, 1, *moved / max(f - 4 / 29, 4 / 29)]
 
     y, x = np.meshgrid(*((np.arange(n) + 0.5) / side + 1.5 for n in (height, width)), indexing="ij")
 
@@ -106,6 +107,17 @@ def relit(lab: np.ndarray, light: float) -> np.ndarray:
     xyz, y = (np.where(v > 6 / 29, v**3, (v - 4 / 29) * 108 / 841) for v in (f, (max(light, 0) + 16) / 116))
     xyz = xyz * y / max(xyz[1], 1e-9)
     return np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz * 841 / 108 + 4 / 29)
+
+
+def light_share(level: np.ndarray, contrast: np.ndarray, overall: np.ndarray, typical: np.ndarray) -> np.ndarray:
+    """Share of L, a and b that light explains: what moves both ends of a and b, not what a mixture moves."""
+    scale, shares = (overall[0] + 16) / (max(level[0], 0) + 16), []
+    apart = [abs(scale * level[c] - overall[c]) for c in (1, 2)]
+    ends = [abs(scale * contrast[c] - typical[c]) - 1 for c in (1, 2)]
+    mixed = [min(max(end, 0), 2 * typical[c], away) for c, end, away in zip((1, 2), ends, apart, strict=True)]
+    for part, whole in ((np.hypot(*mixed), np.hypot(*apart)), *zip(mixed, apart, strict=True)):
+        shares.append(1 - part / (whole + 1))
+    return np.array(shares)
 
 
 def tint(level: np.ndarray, overall: np.ndarray) -> float:

@@ -19,6 +19,7 @@ from .drift_field import MOST_GAIN, Drift
 
 _LEAST_IN_STAINS = 1 / 16  # minimum gain of contrast there: a stain adds its color to every element
 _SURE_TINT = 12.0  # a, b: up to it a tint is removed in full, from `LARGEST_TINT` on not at all
+_MOST_MIXED = 2.0  # in the photo's contrast of color: a photo of one color has nothing to mix
 _BLACK = 16.0  # L + 16 is proportional to the cube root of Y
 _TOE = np.float32(6.0 / 29.0)  # f below it is linear in X, Y, Z
 _SLOPE, _FOOT = np.float32(841.0 / 108.0), np.float32(4.0 / 29.0)  # of f there
@@ -133,29 +134,48 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     """
     gain = ((drift.overall_contrast + NOISE) / (drift.contrast + NOISE)) ** contrast
     least = 1.0 / MOST_GAIN + drift.stains[..., None] * (_LEAST_IN_STAINS - 1.0 / MOST_GAIN)
-    gain = 1.0 + amount * (np.clip(gain, least, MOST_GAIN) - 1.0)
+    share = _light_share(drift) if drift.scale.in_lab else np.ones(1)
+    gain = 1.0 + amount * share * (np.clip(gain, least, MOST_GAIN) - 1.0)
     low, high = drift.scale.limits
     if not drift.scale.in_lab:
         goal = drift.level + amount * (target - drift.level)
         field = np.concatenate([gain, goal - drift.level * gain], -1)
     else:
-        field = _light_field(drift, gain, amount, target)
+        field = _light_field(drift, share, gain, amount, target)
         low, high = 0.0, high * max(1.0, target[0] / max(drift.overall_level[0], 1.0))
     return Correction(SplineSurface(field, drift.cells), (low, high), drift.scale.in_lab)
 
 
-def _light_field(drift: Drift, gain: np.ndarray, amount: float, target: np.ndarray) -> np.ndarray:
+def _light_share(drift: Drift) -> np.ndarray:
+    """Share of the local variation of L, a and b that light explains, (down + 4, across + 4, 3), 0 to 1; 1 in stains.
+
+    Light moves the colors of all materials alike. Where one material covers more than elsewhere, as paint on rust or
+    veins in marble, the level moves towards its color and the contrast of color changes, as one end of the colors,
+    a contrast above or below the level, stays. What moves both ends is light. L has the share of a and b together.
+    """
+    scale = (max(drift.overall_level[0], 0.0) + _BLACK) / (np.maximum(drift.level[..., :1], 0.0) + _BLACK)
+    tint = np.abs(scale * drift.level[..., 1:] - drift.overall_level[1:])
+    ends = np.abs(scale * drift.contrast[..., 1:] - drift.overall_contrast[1:]) - NOISE
+    mixed = np.minimum(np.clip(ends, 0.0, _MOST_MIXED * drift.overall_contrast[1:]), tint)
+    of_mixture, whole = (np.concatenate([np.sqrt((ab**2).sum(-1, keepdims=True)), ab], -1) for ab in (mixed, tint))
+    share = 1.0 - of_mixture / (whole + NOISE)
+    return share + drift.stains[..., None] * (1.0 - share)
+
+
+def _light_field(drift: Drift, share: np.ndarray, gain: np.ndarray, amount: float, target: np.ndarray) -> np.ndarray:
     """`Correction.field` in Lab: local light is moved to the overall one, then the overall one to `target`."""
     level, overall = drift.level, drift.overall_level
     own = level[..., 0]
-    light = np.clip(overall[0] - own, -LARGEST_LIGHT, LARGEST_LIGHT) + target[0] - overall[0]
+    light = share[..., 0] * np.clip(overall[0] - own, -LARGEST_LIGHT, LARGEST_LIGHT) + target[0] - overall[0]
     goal = own + amount * light
     offset = goal - own * gain[..., 0]
     ratio = np.clip(np.maximum(goal, 1.0) / np.maximum(own, 1.0), 1.0 / _MOST_RATIO, _MOST_RATIO)
-    sure = np.maximum(_sure_tint(drift), drift.stains)
+    sure = np.moveaxis(share[..., 1:], -1, 0) * np.maximum(_sure_tint(drift), drift.stains)
     new_y = (np.maximum(goal, 0.0) + _BLACK) / 116.0
     local, common, wanted = (_chroma(np.broadcast_to(lab, level.shape), new_y) for lab in (level, overall, target))
-    gains = 1.0 + sure * (np.minimum(np.moveaxis(gain[..., 1:], -1, 0), 1.0) - 1.0)  # of chroma: it is not amplified
+    gains = 1.0 + drift.stains * (
+        np.minimum(np.moveaxis(gain[..., 1:], -1, 0), 1.0) - 1.0
+    )  # of chroma: only a stain changes it
     chroma = local + amount * (sure * (common - local) + wanted - common) - new_y - gains * (local - new_y)
     return np.stack([gain[..., 0], offset, ratio, *gains, *chroma / np.maximum(new_y - _FOOT, _FOOT)], -1)
 
