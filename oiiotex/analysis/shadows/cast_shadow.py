@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from threadpoolctl import threadpool_limits
+
 from ...engine.core.elementary import exponential, logarithm
 from ...engine.deferred import np
 from .border_curves import Curve, distances, traced
@@ -91,8 +93,9 @@ def cast_shadow(logs: np.ndarray, valid: np.ndarray) -> CastShadow | None:
         Cells that count. The others have any finite value.
     """
     logs = np.where(valid[..., None], logs, np.median(logs[valid], axis=0))
-    masks = [mask for start in _STARTS if (mask := _first_shade(logs, np.array(start))) is not None]
-    found = [shadow for mask in masks if (shadow := _fitted(logs, valid, mask)) is not None]
+    with threadpool_limits(1, "blas"):
+        masks = [mask for start in _STARTS if (mask := _first_shade(logs, np.array(start))) is not None]
+        found = [shadow for mask in masks if (shadow := _fitted(logs, valid, mask)) is not None]
     return max(found, key=lambda shadow: shadow.gain, default=None)
 
 

@@ -24,7 +24,7 @@ log = logging.getLogger("oiiotex")
 
 _STEPS = float(1 << 16)  # of linear light that is summed as integers: in any order
 _BRIGHTEST = float(1 << 20)  # of linear light: sums of a cell stay exact in doubles
-_BLACK = 0.01  # of the photo's median light: darker cells are noise
+_BLACK = 0.002  # of the photo's median light: darker cells are noise
 _PARTS = 256.0  # of a cell, and of light: what is fitted is rounded, so that other libraries of algebra decide alike
 _LEAST_CELLS = 24  # along a side: a smaller photo shows no border
 _BOX = 1 / 12  # variance of a cell
