@@ -116,13 +116,13 @@ def test_curves_follow_a_disc_and_a_half():
     for away in (np.hypot(y - 30, x - 33) - 15, x + 0.3 * y - 40.0):
         curves = [curve.smoothed(3.0).extended() for curve in traced(away < 0)]
         assert len(curves) == 1
-        inner = np.abs(away) < 8
+        inner = (np.abs(away) < 8) & (np.abs(y - 30) < 22)  # the end of an open curve is less certain
         slant = 1.0 if curves[0].closed else np.hypot(1, 0.3)
         np.testing.assert_allclose(distances(curves, away.shape)[0][inner], (away / slant)[inner], atol=0.6)
 
 
 def test_circles_and_lines_do_not_bend_unevenly():
-    turn = np.arange(0, 2 * np.pi, 1 / 12)[:-1]
+    turn = np.linspace(0, 2 * np.pi, 75, endpoint=False)
     circle = Curve(12 * np.stack([np.sin(turn), np.cos(turn)], 1), True).evened()
     uneven, reduction = circle.bending()
     assert np.abs(uneven).max() < 0.02

@@ -30,6 +30,7 @@ _CURVE = 3.0  # cells; sigma of the first curves
 _TEXTURE = 3.0  # cells; sigma at which the texture's own variation counts as noise
 _ISLAND = 0.1  # least diameter of a region, relative to the longer side
 _SHORTEST = 12  # points of a curve
+_MOST_POINTS = 8 * CELLS  # of all curves: longer ones follow the texture
 _STEPS, _MOST_MOVED, _STILL = 14, 2.0, 0.1  # of Gauss and Newton: number, cells a step, and cells that end them
 _STRAIGHTNESS = 10.0 ** np.arange(10)  # weights of uneven bending that are tried
 _FIRST_WIDTH, _LEAST_WIDTH = 2.5, 0.25  # cells; sigma of a penumbra
@@ -144,7 +145,7 @@ def _below_otsu(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Light:
-    """Levels outside, (3,), the sky's share inside, (3,), and the texture's precision at the scale of a cell, (3, 3)."""
+    """Levels outside, (3,), the sky's share inside, (3,), and the texture's precision for a cell, (3, 3)."""
 
     lamp: np.ndarray
     sky: np.ndarray
@@ -163,7 +164,7 @@ def _fitted(logs: np.ndarray, valid: np.ndarray, shade: np.ndarray) -> CastShado
     curves = [curve.smoothed(_CURVE).extended() for curve in traced(shade) if len(curve.points) >= _SHORTEST]
     width, still = _FIRST_WIDTH, False
     for _ in range(_STEPS):
-        if not curves:
+        if not 0 < sum(len(curve.points) for curve in curves) <= _MOST_POINTS:
             return None
         distance, nearest = distances(curves, valid.shape)
         light = _light(logs, valid, distance, max(_FULL * width, 2.0))

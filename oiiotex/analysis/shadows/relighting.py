@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 from ...engine.color.lab import lens_of
 from ...engine.core.access import mapped
