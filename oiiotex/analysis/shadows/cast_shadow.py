@@ -167,9 +167,10 @@ def _fitted(logs: np.ndarray, valid: np.ndarray, shade: np.ndarray) -> CastShado
         if not 0 < sum(len(curve.points) for curve in curves) <= _MOST_POINTS:
             return None
         distance, nearest = distances(curves, valid.shape)
-        light = _light(logs, valid, distance, max(_FULL * width, 2.0))
-        if light is None:
+        levels = _light(logs, valid, distance, max(_FULL * width, 2.0))
+        if levels is None:
             return None
+        light = levels
         near = valid & (np.abs(distance) < max(4 * width, 6.0))
         widths = np.maximum(width * _WIDTHS, _LEAST_WIDTH)
         seen = logs[near]
