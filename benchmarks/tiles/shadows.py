@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cast shadows of known shape and color on even textures, before and after --texflatten.
+"""Cast shadows of known shape and color on even textures, before and after --texflatten, and by its shadows=1 alone.
 
 python -m benchmarks.tiles.shadows [--side 384] [--half tune|judge] [--out FOLDER]
 
@@ -103,27 +103,30 @@ def main() -> None:
     ways = {
         "photo": lambda photo: photo,
         "flatten": lambda photo: pixels(filters.flatten(picture(photo), session=session)),
+        "shadows": lambda photo: pixels(filters.flatten(picture(photo), shadows=True, flattening=0, session=session)),
     }
     cleans = {path.stem: drifts.square(path, given.side) for path in drifts.textures(given.half)}
-    print(f"Goals: {GOALS}.\n\n| shadow | way | delta E inside | least band | largest band | changed outside | good |")
-    print("| --- " * 7 + "|")
+    columns = "shadow", "way", "changed", "delta E inside", "least band", "largest band", "changed outside", "good"
+    print(f"Goals: {GOALS}.\n\n| {' | '.join(columns)} |\n" + "| --- " * len(columns) + "|")
     for shape in SHAPES:
         for softness in SOFT:
             k = visible(given.side, shape, softness)
             for way, make in ways.items():
-                found = []
+                found, changed = [], 0
                 for name, clean in cleans.items():
                     if clean is None:
                         continue
                     photo = shaded(clean, k)
                     result = make(photo)[..., :3]
                     found.append(measured(result, clean, k))
+                    changed += bool((result != photo).any())
                     if given.out:
                         given.out.mkdir(parents=True, exist_ok=True)
                         save(np.hstack([photo, result]), given.out / f"{name}_{shape}_{softness}_{way}.png")
-                columns = [cell(f[key] for f in found) for key in ("inside", "least", "most", "changed")]
+                figures = [cell(f[key] for f in found) for key in ("inside", "least", "most", "changed")]
                 good = f"{sum(map(is_good, found))} of {len(found)}"
-                print("| " + " | ".join([f"{shape}, {softness}", way, *columns, good]) + " |", flush=True)
+                row = [f"{shape}, {softness}", way, f"{changed} of {len(found)}", *figures, good]
+                print("| " + " | ".join(row) + " |", flush=True)
 
 
 if __name__ == "__main__":

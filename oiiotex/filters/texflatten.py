@@ -14,6 +14,7 @@ from ..engine.core.image import Image, Part, derived_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
 from ..engine.core.tiling import TILED, tiled_spec, tiling_of
+from ..engine.errors import ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_masks import laid_over, masked_pixels
@@ -57,6 +58,11 @@ class Flatten(ScanThenMap):
         le=1,
         help="Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.",
     )
+    shadows: bool = param(
+        False,
+        help="First remove a cast shadow with its penumbra. A photo without one is not changed by it. With"
+        " flattening=0, nothing else is removed.",
+    )
     tiled: str | None = TILED
     tone: str = param(
         "photo",
@@ -73,9 +79,17 @@ class Flatten(ScanThenMap):
         if self.mask is not None:
             laid_over(self.mask.first, self.source, "mask")
         part = self.source.first
+        if self.shadows:
+            self._check_shadows(facts)
         spec = tiled_spec(derived_spec(part.spec), self.tiled or tiling_of(part.spec))
         flat = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
         return Plan({"flat": flat, "drift": replace(correction_part(None, part), fetch=no_pixels)})
+
+    def _check_shadows(self, facts: Facts) -> None:
+        if color_to_convert(self.source, facts, self.working_space) is None:
+            raise ParameterError("requires a color image, not data", parameter="shadows", value=1)
+        if (self.tiled or tiling_of(self.source.first.spec)) != "none":
+            raise ParameterError("conflicts with an image that tiles", parameter="shadows", value=1)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The first part flattened."""
@@ -89,5 +103,11 @@ class Flatten(ScanThenMap):
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
         resources, progress = session.resources, session.progress
-        flat, drift, _ = how.of(self.flag(), self.source, self.working_space, resources, progress, usable)
+        source = self.source
+        if self.shadows:
+            from ..analysis.shadows.relighting import without_shadow  # not needed for help
+
+            lit = without_shadow(self.flag(), source, self.working_space, resources, progress, usable)
+            source = Image((lit, *source.parts[1:]), source.source)
+        flat, drift, _ = how.of(self.flag(), source, self.working_space, resources, progress, usable)
         return {"flat": replace(flat, spec=plan.results["flat"].spec, levels=()), "drift": drift}

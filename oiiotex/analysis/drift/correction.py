@@ -78,7 +78,7 @@ class Correction:
         gain, offset, ratio, *chroma = np.ascontiguousarray(np.moveaxis(field, -1, 0))
         lightness, a, b = np.ascontiguousarray(np.moveaxis(values[..., :3], -1, 0))
         own = np.maximum(lightness, np.float32(0))  # negative values of HDR images are kept
-        f_y, f_xz = _f_of_lab(own, a, b)
+        f_y, f_xz = f_of_lab(own, a, b)
         least = own * np.minimum(ratio, 1) * np.float32(1 / MOST_GAIN)
         most = own * np.maximum(ratio, 1) * np.float32(MOST_GAIN)  # black stays black
         brightest = np.float32((self.limits[1] + _BLACK) / 116)
@@ -94,7 +94,7 @@ class Correction:
         values[..., 2] = (new_y - new_xz[1]) * np.float32(200)
 
 
-def _f_of_lab(light: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def f_of_lab(light: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """CIE 15's f(Y) of L, a and b, (...), and f(X), f(Z), (2, ...)."""
     f_y = (light + np.float32(_BLACK)) / np.float32(116)
     return f_y, np.stack([f_y + a / np.float32(500), f_y - b / np.float32(200)])
@@ -105,17 +105,17 @@ def _scaled(f_xz: np.ndarray, f_y: np.ndarray, new_y: np.ndarray) -> np.ndarray:
     new_xz = f_xz * (new_y / f_y)
     dark = np.minimum(np.minimum(f_y, new_y), np.minimum(f_xz, new_xz).min(0)) < _TOE
     if dark.any():
-        strength = _linear(new_y[dark]) / np.maximum(_linear(f_y[dark]), np.float32(1e-9))
-        new_xz[:, dark] = _f_of(_linear(f_xz[:, dark]) * strength, new_xz[:, dark])
+        strength = light_of(new_y[dark]) / np.maximum(light_of(f_y[dark]), np.float32(1e-9))
+        new_xz[:, dark] = cie_f(light_of(f_xz[:, dark]) * strength, new_xz[:, dark])
     return new_xz
 
 
-def _linear(f: np.ndarray) -> np.ndarray:
+def light_of(f: np.ndarray) -> np.ndarray:
     """X, Y or Z relative to white, of CIE 15's f."""
     return np.where(f > _TOE, f * f * f, (f - _FOOT) / _SLOPE)
 
 
-def _f_of(light: np.ndarray, near: np.ndarray) -> np.ndarray:
+def cie_f(light: np.ndarray, near: np.ndarray) -> np.ndarray:
     """CIE 15's f of X, Y or Z. Its cube root is Newton's, from a value near: that of a math library differs by CPU."""
     root = np.maximum(near, _TOE)
     for _ in range(_STEPS):
@@ -182,7 +182,7 @@ def _light_field(drift: Drift, share: np.ndarray, gain: np.ndarray, amount: floa
 
 def _chroma(lab: np.ndarray, new_y: np.ndarray) -> np.ndarray:
     """f(X), f(Z), (2, ...), of Lab (..., 3) in the light that gives it `new_y`."""
-    f_y, f_xz = _f_of_lab(np.maximum(lab[..., 0], 0.0), lab[..., 1], lab[..., 2])
+    f_y, f_xz = f_of_lab(np.maximum(lab[..., 0], 0.0), lab[..., 1], lab[..., 2])
     return _scaled(f_xz, f_y, new_y)
 
 
