@@ -6,11 +6,11 @@
 FOLDER/index.ktx2 is the index with all MIP levels, R32UI. FOLDER/MAP.ktx2 is an array of layers of the photo's size for
 each map, in half or float. Layer 0 is the photo.
 
-A texel of level L is the mean of 2^L x 2^L pixels of the tile. If all of them have one offset, it equals the mean of as
-many pixels of the photo, at the place of the first one plus the offset. So layer L of a map is the photo, filtered by
-that box at every pixel, not only at every 2^L-th: offsets are not multiples of 2^L. All other texels, those at seams, are
-stored one after another in the layers that follow. From the level on that has fewer texels inside pieces than the photo
-has pixels, all its texels are stored, since a further layer would be larger. Nothing is approximated.
+A texel of level L is the mean of 2^L x 2^L pixels of the tile. If all of them have one offset, it equals the mean of
+as many pixels of the photo, at the place of the first one plus the offset. So layer L of a map is the photo, filtered
+by that box at every pixel, not only at every 2^L-th: offsets are not multiples of 2^L. All other texels, those at
+seams, are stored one after another in the layers that follow. From the level on that has fewer texels inside pieces
+than the photo has pixels, all texels are stored, since a further layer would be larger. Nothing is approximated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ import numpy as np
 
 from oiiotex.engine.core.image import Part
 from oiiotex.engine.core.source_map import BITS, Copied
-from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.io.copies import is_indexed
 from oiiotex.engine.io.reading import read
@@ -65,7 +64,7 @@ def textures(path: str | Path) -> Textures:
     for part in parts:
         _require_values(part, path)
     width, height = _photo_size(parts[0])
-    index = _index_levels(_offsets(parts[0]))
+    index = index_levels(_offsets(parts[0]))
     pixels = width * height
     inside = [np.count_nonzero(level < OWN) > pixels for level in index[1:]]
     filtered = 1 + (inside.index(False) if False in inside else len(inside))  # layers
@@ -105,7 +104,7 @@ def _offsets(part: Part) -> np.ndarray:
     return offsets
 
 
-def _index_levels(offsets: np.ndarray) -> list[np.ndarray]:
+def index_levels(offsets: np.ndarray) -> list[np.ndarray]:
     """All levels of the index: offsets of the texels whose pixels all have the same one, and `OWN` elsewhere."""
     levels = [offsets]
     while max(levels[-1].shape) > 1:
@@ -148,7 +147,7 @@ def _layers(part: Part, filtered: int, own: list[np.ndarray]) -> np.ndarray:
         step, layer = 1 << (level - 1), layers[-1]
         pairs = layer + np.roll(layer, -step, 0)
         layers.append((pairs + np.roll(pairs, -step, 1)) * np.float32(0.25))
-    texels, values = [np.empty((0, photo.shape[-1]), np.float32)], _first_level(part)
+    texels, values = [np.empty((0, photo.shape[-1]), np.float32)], first_level(part)
     for here in own[1:]:
         texels.append(values[here])
         values = halved(values)
@@ -158,7 +157,7 @@ def _layers(part: Part, filtered: int, own: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([np.stack(layers), stored]).astype(_KINDS[str(part.spec.format)])
 
 
-def _first_level(part: Part) -> np.ndarray:
+def first_level(part: Part) -> np.ndarray:
     """Level 1 of a tile."""
     whole = part.window
     rows = _ROWS if whole.height % 2 == 0 else whole.height
@@ -193,8 +192,8 @@ def write_ktx(levels: list[np.ndarray], path: Path, layers: int = 0) -> None:
     described = _description(kind, channels)
     start = len(_MAGIC) + 17 * 4 + 24 * len(levels)
     head = struct.pack(
-        "<13I2Q", _FORMATS[kind.newbyteorder("<").str][channels], kind.itemsize, width, height, 0, layers, 1, len(levels),
-        _ZLIB, start, len(described), 0, 0, 0, 0,
+        "<13I2Q", _FORMATS[kind.newbyteorder("<").str][channels], kind.itemsize, width, height, 0, layers, 1,
+        len(levels), _ZLIB, start, len(described), 0, 0, 0, 0,
     )  # fmt: skip
     entries, place = [], start + len(described)
     for level, packed in zip(reversed(levels), reversed(data), strict=True):  # the coarsest one first

@@ -58,7 +58,8 @@ def bilinear(level: np.ndarray, uv: np.ndarray) -> np.ndarray:
     x, y = (place - corner).T[..., None]
     column, row = corner.T
     upper, lower = (
-        (1 - x) * level[r % height, column % width] + x * level[r % height, (column + 1) % width] for r in (row, row + 1)
+        (1 - x) * level[r % height, column % width] + x * level[r % height, (column + 1) % width]
+        for r in (row, row + 1)
     )
     return (1 - y) * upper + y * lower
 
@@ -122,7 +123,10 @@ def test_a_large_tile_takes_little_more_than_its_index(tmp_path):
     ("image", "text"),
     [
         (Image((photo(),)), "expected an indexed image"),
-        (Image((pieces().parts("five", photo(5), "xy")["five"],)), "photo has 5 channels of type half: expected 1 to 4"),
+        (
+            Image((pieces().parts("five", photo(5), "xy")["five"],)),
+            "photo has 5 channels of type half: expected 1 to 4",
+        ),
     ],
 )
 def test_what_has_no_textures_is_refused(tmp_path, capsys, monkeypatch, image, text):
@@ -218,7 +222,9 @@ def drawn(page, name: str, size: tuple[int, int], floats: bool = True, **given: 
     """A picture of a map, (height, width, channels), from `corner` (in tiles), at a level of detail."""
     given = {"corner": (0, 0), "lod": -1} | given
     unit = 1 + list(MAPS).index(name)
-    text = page.evaluate("([unit, size, given, float]) => draw(unit, ...size, given, float)", [unit, size, given, floats])
+    text = page.evaluate(
+        "([unit, size, given, float]) => draw(unit, ...size, given, float)", [unit, size, given, floats]
+    )
     values = np.frombuffer(base64.b64decode(text), np.float32 if floats else np.uint8)
     return values.reshape(size[1], size[0], 4)[..., : MAPS[name]] / (1 if floats else 255)
 
