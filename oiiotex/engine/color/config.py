@@ -22,6 +22,7 @@ from .transform_files import require_config, require_files
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
+_LOADED = {0x0205: DEFAULT_CONFIG}  # by OpenImageIO, by the release of its OpenColorIO
 INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # in our own config
 _INTERCHANGE = either("--interchange SPACE lin_rec709", "Session(interchange=(SPACE, 'lin_rec709'))")
 _HINT = f"name its linear Rec. 709, ACES2065-1 or CIE XYZ D65 space: {_INTERCHANGE}"
@@ -138,6 +139,17 @@ class ColorConfig:
     def believed(self, image: Image) -> Image:
         """The image with untagged parts tagged as their metadata describes them."""
         return believed(image, self)
+
+    @property
+    def path_of_names(self) -> str:
+        """The path to call OpenImageIO's functions with; empty if it is the one built-in config that they keep.
+
+        They load any other with each call, which takes 20 ms; and that one, too, if they are given an empty path.
+        """
+        loaded = oiio.ColorConfig.default_colorconfig().configname()
+        if loaded == "ocio://default":
+            loaded = _LOADED.get(oiio.OpenColorIO_version_hex >> 16, loaded)
+        return "" if self._is_built_in and self.path == loaded else self.path
 
     @property
     def config(self) -> ocio.Config:
