@@ -114,7 +114,7 @@ def settled_caches(*environment: str | None) -> None:
 
 
 def _require_private_within(folder: Path) -> None:
-    """Check the folders in a private folder; what lies above one that is no link is known to be private."""
+    """Check the folders in a private folder; above all but links, everything is known to be private."""
     if os.name != "posix":
         return
     for entry in os.scandir(folder):  # thousands of files: only links to be followed

@@ -150,7 +150,7 @@ class Converting(OnColor):
         context = self.key, self.value, config
         return oiio.ImageBufAlgo.colorconvert(
             color, source, target, self.unpremult, *(context if any(context) else ())
-        )  # given empty texts, it loads the config again
+        )  # given empty strings, it loads the config again
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
