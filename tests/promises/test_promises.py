@@ -228,18 +228,13 @@ def test_data_skips_color(op):
 
 
 @every_filter
-@pytest.mark.parametrize(("channels", "kind"), [(1, oiio.HALF), (2, oiio.UINT8), (4, oiio.UINT16)], ids=str)
-def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
-    photo = PHOTO.copy()
-    photo[:, 44:56] = 1  # a pipe, which is not of the dominant texture
-    gray = photo[..., :1]
-    picture = {
-        1: gray,
-        2: np.concatenate([gray, np.ones_like(gray)], -1),
-        4: np.concatenate([photo, np.ones_like(gray)], -1),
-    }
-    names = {1: ("Y",), 2: ("Y", "A"), 4: ("R", "G", "B", "A")}
-    made = apply(op, buffer(picture[channels], kind, names=names[channels]))
+@pytest.mark.parametrize(("channels", "kind"), [(1, oiio.UINT16), (2, oiio.UINT8)], ids=str)
+def test_gray_alpha_and_integers_work(op, channels, kind):
+    """Those of colors are half or float elsewhere: a copy of half, windows of R, G, B, A and Z, and straight alpha."""
+    gray = PHOTO[..., :1].copy()
+    gray[:, 44:56] = 1  # a pipe, which is not of the dominant texture
+    picture = np.concatenate([gray, np.ones_like(gray)], -1)[..., :channels]
+    made = apply(op, buffer(picture, kind, names=("Y", "A")[:channels]))
     if image_kind(op).is_data:
         assert made.spec().format == (oiio.UINT32 if image_kind(op) is Kind.IDS else oiio.FLOAT)
     else:

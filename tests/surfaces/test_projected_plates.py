@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,8 +72,22 @@ def run(folder: Path, *words: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def of_page(folder: Path, suffix: str) -> None:
-    """The lines of docs/how-to/fills-in-moving-shots.md, with the motion given."""
+@pytest.fixture(scope="module")
+def of_page(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """The folder where a shot is cleaned by the lines of docs/how-to/fills-in-moving-shots.md; once for all tests."""
+
+    @functools.cache
+    def made(name: str, suffix: str) -> Path:
+        folder = tmp_path_factory.mktemp(name)
+        written(folder, name, suffix, "half" if suffix == ".exr" else "uint8")
+        clean(folder, suffix)
+        return folder
+
+    return made
+
+
+def clean(folder: Path, suffix: str) -> None:
+    """Of each frame, with the motion given."""
     span = f"1001-{1000 + COUNT}"
     run(folder, f"shot.1001{suffix}", f"mask.1001{suffix}",
         f"--texplate:region=1:frames={span}:motion=st.1001.exr:motionfile=shot.npz",
@@ -95,39 +110,36 @@ def jumps(frame: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("name", "suffix"), [("pan", ".exr"), ("pan", ".png"), ("zoom", ".exr"), ("plane", ".png")])
-def test_the_outline_of_the_region_does_not_show(tmp_path: Path, name: str, suffix: str):
-    written(tmp_path, name, suffix, "half" if suffix == ".exr" else "uint8")
-    of_page(tmp_path, suffix)
+def test_the_outline_of_the_region_does_not_show(of_page, name: str, suffix: str):
+    folder = of_page(name, suffix)
     pairs = [
-        jumps(load(tmp_path / f"out.{n}{suffix}"), load(tmp_path / f"mask.{n}{suffix}")[..., 0] > 0.5)
+        jumps(load(folder / f"out.{n}{suffix}"), load(folder / f"mask.{n}{suffix}")[..., 0] > 0.5)
         for n in range(1001, 1001 + COUNT)
     ]
     across, around = np.mean(pairs, 0)
     assert across <= 1.2 * around, across / around
 
 
-def test_a_plate_lies_where_it_was_in_any_file(tmp_path: Path):
-    written(tmp_path, "pan", ".exr", "float")
-    of_page(tmp_path, ".exr")
+def test_a_plate_lies_where_it_was_in_any_file(of_page):
+    folder = of_page("pan", ".exr")
     again = "shot.1002.exr", "mask.1002.exr", "--texproject:region=1:motion=shot.npz:frame=1002:grain=0", "-o"
     for name in ("clean.exr", "clean.png", "clean.tif"):
-        run(tmp_path, "clean.exr", "-d", "uint16", "-o", name) if name != "clean.exr" else None
-        run(tmp_path, again[0], name, *again[1:], f"{name}.exr")
+        run(folder, "clean.exr", "-d", "uint16", "-o", name) if name != "clean.exr" else None
+        run(folder, again[0], name, *again[1:], f"{name}.exr")
     for name in ("clean.png", "clean.tif"):
-        np.testing.assert_allclose(load(tmp_path / f"{name}.exr"), load(tmp_path / "clean.exr.exr"), atol=2e-3)
-    run(tmp_path, "clean.exr", "--crop", "130x100+10+10", "-o", "part.exr")
-    run(tmp_path, again[0], "part.exr", *again[1:], "part.exr.exr")
-    np.testing.assert_allclose(load(tmp_path / "part.exr.exr"), load(tmp_path / "clean.exr.exr"), atol=2e-3)
+        np.testing.assert_allclose(load(folder / f"{name}.exr"), load(folder / "clean.exr.exr"), atol=2e-3)
+    run(folder, "clean.exr", "--crop", "130x100+10+10", "-o", "part.exr")
+    run(folder, again[0], "part.exr", *again[1:], "part.exr.exr")
+    np.testing.assert_allclose(load(folder / "part.exr.exr"), load(folder / "clean.exr.exr"), atol=2e-3)
 
 
-def test_a_plate_of_another_size_is_refused(tmp_path: Path):
-    written(tmp_path, "pan", ".exr", "float")
-    of_page(tmp_path, ".exr")
-    run(tmp_path, "clean.exr", "--cut", "130x100+10+10", "-o", "cut.exr")
+def test_a_plate_of_another_size_is_refused(of_page):
+    folder = of_page("pan", ".exr")
+    run(folder, "clean.exr", "--cut", "130x100+10+10", "-o", "cut.exr")
     frame, words = ("shot.1002.exr", "cut.exr", "mask.1002.exr"), "--texproject:region=1:motion=shot.npz:frame=1002"
-    done = oiiotex(*frame, words, "-o", "x.exr", cwd=tmp_path)
-    width, height = oiio.ImageBuf(str(tmp_path / "clean.exr")).spec().width, HEIGHT
+    done = oiiotex(*frame, words, "-o", "x.exr", cwd=folder)
+    width, height = oiio.ImageBuf(str(folder / "clean.exr")).spec().width, HEIGHT
     assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
     assert f"plate cut.exr is 130x100: expected {width}x" in done.stderr and "the plate of shot.npz" in done.stderr
-    done = oiiotex(*frame, "--texproject:region=1", "-o", "x.exr", cwd=tmp_path)
+    done = oiiotex(*frame, "--texproject:region=1", "-o", "x.exr", cwd=folder)
     assert done.returncode == 1 and f"expected {WIDTH}x{height}, as the frame; set motion" in done.stderr

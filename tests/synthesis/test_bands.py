@@ -72,6 +72,10 @@ CASES = {
     "what ties": (recipe(sigma=None, complete=False, contrast=0.0, uniformity=0.0), {"exemplar": REPEATED}),
     "no projection": (recipe("y", sigma=None, complete=False, contrast=1.0, flat=False), {}),
 }
+SLOW = (  # each pair of a measure, a plane or a torus, a small sigma and a constraint is in another case
+    "two moments", "moments of a small sigma on a plane", "steerable", "a small sigma on a plane", "prices of offsets",
+    "pixels that stay, steerable", "a map of sigmas, steerable",
+)  # fmt: skip
 # rows of a band, rows of cells, bytes of planes in memory, rows of a piece of the exemplar
 PLANS = {"few rows": (13, None, 1 << 17), "pieces": (None, None, 0, 17)}
 DEAR = {  # each case has one of them, in turn
@@ -120,7 +124,7 @@ def in_file(array: np.ndarray) -> RowStore:
     return store
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow if c in SLOW else ()) for c in CASES])
 def test_bands_do_not_show(device, case, monkeypatch):
     whole = made(device, case, monkeypatch, (None, None, 0))
     for name, plan in plans_of(case).items():

@@ -213,7 +213,7 @@ def test_what_does_not_fit_is_refused_with_the_figure_and_v_goes_on_without(tmp_
 
 def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
-    op = "--texquilt:tiles=xy:report=r.json:fail=seam>0.01,repeat>1000"
+    op = "--texquilt:size=48x48:tiles=xy:report=r.json:fail=seam>0.01,repeat>1000"
     done = oiiotex("photo.png", op, "-o", "tile.png", cwd=tmp_path)
     assert done.returncode == 3
     assert re.fullmatch(r"oiiotex FAIL: --texquilt : part0: seam is [\d.]+: fail=seam>0.01\n", done.stderr)
@@ -221,7 +221,9 @@ def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     done = oiiotex("photo.png", op.replace("seam>0.01", "seam>1000"), "-o", "tile.png", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     frames = ("--frames", "1-2", "--parallel-frames", "--threads", "2")
-    done = oiiotex(*frames, "photo.png", "--texquilt:tiles=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path)
+    done = oiiotex(
+        *frames, "photo.png", "--texquilt:size=48x48:tiles=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path
+    )
     assert done.returncode == 3 and (tmp_path / "tile.0002.png").exists()
 
 

@@ -22,6 +22,7 @@ from .transform_files import require_config, require_files
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
+_LOADED = {0x0205: DEFAULT_CONFIG}  # by OpenImageIO, by the release of its OpenColorIO
 INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # in our own config
 _INTERCHANGE = either("--interchange SPACE lin_rec709", "Session(interchange=(SPACE, 'lin_rec709'))")
 _HINT = f"name its linear Rec. 709, ACES2065-1 or CIE XYZ D65 space: {_INTERCHANGE}"
@@ -49,24 +50,24 @@ class ColorConfig:
         self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
         require_config(self.path)
         try:
-            self._config = ocio.Config.CreateFromFile(self.path)
-            if os.path.exists(self.path) and not self.path.endswith(".ocioz"):
-                Path(self.path).read_text(
-                    "utf-8"
-                )  # otherwise the bindings fail later, at the first name that is not UTF-8
+            self._config = (_built_in if self._is_built_in else _loaded)(self.path)
         except (ocio.Exception, ocio.ExceptionMissingFile, UnicodeDecodeError) as error:
             raise ColorError(f"{self.path}: cannot load the color config: {one_line(str(error))}") from error
         self.require_files()
-        self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
+        self._names = (_built_in_names if self._is_built_in else oiio.ColorConfig)(self.path)
         if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
             expected = f"one of {', '.join(INTERCHANGE_SPACES)}"
             raise ColorError(f"unknown interchange space '{interchange[1]}'", expected=expected)
         self._doubted: set[str] | None = set()
         self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
 
+    @property
+    def _is_built_in(self) -> bool:
+        return self.path.startswith("ocio://")
+
     def require_files(self, variables: dict[str, str] | None = None, names: Iterable[str] = ()) -> None:
         """Refuse files that OpenColorIO would open, as in `transform_files`."""
-        if not self.path.startswith("ocio://") or names:  # built-in configs name no files
+        if not self._is_built_in or names:  # built-in configs name no files
             require_files(self._config, variables or {}, names)
 
     def resolve(self, name: str) -> str:
@@ -105,7 +106,7 @@ class ColorConfig:
         """The config's space under another of its names in OCIO's built-in configs."""
         if name == "data":  # OpenImageIO's name for maps other than color
             return next((space for space in self._config.getColorSpaces() if space.isData()), None)
-        known = None if _builtin().hasRole(name) else _builtin().getColorSpace(name)
+        known = None if _with_most_names().hasRole(name) else _with_most_names().getColorSpace(name)
         names = (known.getName(), *known.getAliases()) if known else ()
         spaces = (self._config.getColorSpace(other) for other in names if not self._config.hasRole(other))
         return next(filter(None, spaces), None)
@@ -138,6 +139,17 @@ class ColorConfig:
     def believed(self, image: Image) -> Image:
         """The image with untagged parts tagged as their metadata describes them."""
         return believed(image, self)
+
+    @property
+    def path_of_names(self) -> str:
+        """The path to call OpenImageIO's functions with; empty if it is the one built-in config that they keep.
+
+        They load any other with each call, which takes 20 ms; and that one, too, if they are given an empty path.
+        """
+        loaded = oiio.ColorConfig.default_colorconfig().configname()
+        if loaded == "ocio://default":
+            loaded = _LOADED.get(oiio.OpenColorIO_version_hex >> 16, loaded)
+        return "" if self._is_built_in and self.path == loaded else self.path
 
     @property
     def config(self) -> ocio.Config:
@@ -222,10 +234,26 @@ class ColorConfig:
         return convert
 
 
-@functools.cache
-def _builtin() -> ocio.Config:
+def _loaded(path: str) -> ocio.Config:
+    config = ocio.Config.CreateFromFile(path)
+    if os.path.exists(path) and not path.endswith(".ocioz"):
+        Path(path).read_text("utf-8")  # otherwise the bindings fail later, at the first name that is not UTF-8
+    return config
+
+
+@functools.cache  # it takes 6 ms to load, and never changes
+def _built_in(path: str) -> ocio.Config:
+    return _loaded(path)
+
+
+@functools.cache  # the first name that is asked for takes 20 ms
+def _built_in_names(path: str) -> oiio.ColorConfig:
+    return oiio.ColorConfig(path)
+
+
+def _with_most_names() -> ocio.Config:
     """OCIO's built-in config with the most names, including older ACES ones."""
-    return ocio.Config.CreateFromFile("ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5")
+    return _built_in("ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5")
 
 
 @functools.cache

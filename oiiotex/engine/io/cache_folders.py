@@ -36,17 +36,21 @@ def require_private(folder: Path, others: int = 0o022) -> None:
     """
     if os.name != "posix":  # profiles are private there
         return
-    real = Path(os.path.realpath(folder))
-    status = real.stat()
-    open_to = status.st_mode & others & ~(0o020 if _is_own_group(status.st_gid) and others == 0o022 else 0)
-    mine = status.st_uid == os.geteuid() == os.lstat(folder).st_uid
-    if not (stat.S_ISDIR(status.st_mode) and mine) or open_to:
-        raise Error(f"{folder} belongs to another user or is open to others", expected="a private folder")
-    for above in {*real.parents, *Path(os.path.abspath(folder)).parents}:
+    _require_own(folder, others)
+    for above in {*Path(os.path.realpath(folder)).parents, *Path(os.path.abspath(folder)).parents}:
         status = above.stat()
         writable = status.st_mode & (0o002 if _is_own_group(status.st_gid) else 0o022)
         if status.st_uid not in (0, os.geteuid()) or (writable and not status.st_mode & stat.S_ISVTX):
             raise Error(f"{folder}: other users can write to {above}", expected="a folder that only you can replace")
+
+
+def _require_own(folder: Path, others: int = 0o022) -> None:
+    """Refuse a folder of another user, or one open to others, as in `require_private`; not what lies above it."""
+    status = os.stat(folder)
+    open_to = status.st_mode & others & ~(0o020 if _is_own_group(status.st_gid) and others == 0o022 else 0)
+    mine = status.st_uid == os.geteuid() == os.lstat(folder).st_uid
+    if not (stat.S_ISDIR(status.st_mode) and mine) or open_to:
+        raise Error(f"{folder} belongs to another user or is open to others", expected="a private folder")
 
 
 @functools.cache
@@ -85,8 +89,8 @@ def settled_caches(*environment: str | None) -> None:
     try:
         for folder in (*named, own):
             if folder.exists():
-                for one in (folder, *(entry for entry in folder.iterdir() if entry.is_dir())):
-                    require_private(one)
+                require_private(folder)
+                _require_private_within(folder)
         for folder in (own, *named):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             require_private(folder)
@@ -107,6 +111,15 @@ def settled_caches(*environment: str | None) -> None:
         level = logging.INFO if isinstance(error, OSError) else logging.WARNING
         why = reason_of(error)
         _notices.append((level, f"caches of this run are temporary: {why}; set XDG_CACHE_HOME to a private folder"))
+
+
+def _require_private_within(folder: Path) -> None:
+    """Check the folders in a private folder; above all but links, everything is known to be private."""
+    if os.name != "posix":
+        return
+    for entry in os.scandir(folder):  # thousands of files: only links to be followed
+        if entry.is_dir():
+            (require_private if entry.is_symlink() else _require_own)(Path(entry.path))
 
 
 def _require_writable(folder: Path) -> None:

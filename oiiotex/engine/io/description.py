@@ -7,7 +7,6 @@ metadata is a line of JSON at the end of ImageDescription. Reading restores all 
 
 from __future__ import annotations
 
-import functools
 import json
 import logging
 import math
@@ -110,10 +109,9 @@ def _encoded_alike(a: str, b: str) -> bool:
     return bool(ids[0] and ids[0] == ids[1])
 
 
-@functools.cache
 def _names() -> oiio.ColorConfig:
-    """The config by which OpenImageIO's writers know names."""
-    return oiio.ColorConfig()
+    """The config by which OpenImageIO's writers know names: theirs, which they have loaded or will."""
+    return oiio.ColorConfig.default_colorconfig()
 
 
 # --- reading ---

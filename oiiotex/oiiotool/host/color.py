@@ -58,7 +58,7 @@ class OnColor(HostOp, Pointwise):
     unpremult: bool = param(False, help="Divide color by alpha before the conversion, and multiply it afterwards.")
 
     def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
-        """The conversion of up to four channels; `config` is the path of the color config."""
+        """The conversion of up to four channels; `config` is `ColorConfig.path_of_names`."""
         raise NotImplementedError
 
     def space_of_result(self, tag: str) -> str:
@@ -75,14 +75,14 @@ class OnColor(HostOp, Pointwise):
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. A conversion that does not exist is an error now."""
-        path = facts.color.path
+        path, config = facts.color.path, facts.color.path_of_names
         variables = zip(*(getattr(self, name, "").split(",") for name in ("key", "value")), strict=False)
         facts.color.require_files(dict(variables), self.opened())
         part = facts.color.believed(Image(tuple(parts[:1]), "")).first
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
-                return checked(self.convert(color, path))
+                return checked(self.convert(color, config))
             except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for format fields
                 known = ", ".join(self.known(facts.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
@@ -147,7 +147,10 @@ class Converting(OnColor):
         """In the other space."""
         source, target = self.spaces().values()
         source = _space(source, color.spec())
-        return oiio.ImageBufAlgo.colorconvert(color, source, target, self.unpremult, self.key, self.value, config)
+        context = self.key, self.value, config
+        return oiio.ImageBufAlgo.colorconvert(
+            color, source, target, self.unpremult, *(context if any(context) else ())
+        )  # given empty strings, it loads the config again
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
