@@ -8,30 +8,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..analysis.regularity.courses import Courses, InCourses
+from ..analysis.regularity.courses import Courses
 from ..analysis.regularity.lattice import Lattice
-from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
 from ..engine.core.image import Part, spec_beside
 from ..engine.core.op import Kind, Output, Plan, no_pixels
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import ST, SourceMap
-from ..engine.core.window import Domain, Window
+from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_op import ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
 from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
-from ..synthesis.multiscale.judged_jitter import best_jitter, spelled
+from ..synthesis.multiscale.judged_quilt import best_quilt
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
+from ..synthesis.multiscale.plane_quilt import OCTAVES, PlaneQuilt, period_of
+from ..synthesis.multiscale.plane_quilt import quilted as quilt_of
 from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings
 from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quilting.quilt_plan import Grid
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 
@@ -144,11 +147,10 @@ class Synth(Multiscale, Structured, Flattened):
         original = plane.root_lab(own[graph.root], self.working_space, resources)
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         around = self._around(level, display)
-        in_step = self._in_step(plane, level, around, session)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
-        settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
-        if self._is_judged:
-            settings = self._judged(plane, settings, original, session)
+        settings = plane.settings(**how, around=around, around_level=level)
+        if self.quilted:
+            settings = self._quilted(plane, settings, original, session)
         maker = self.maker(plane, settings, resources)
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
@@ -172,20 +174,42 @@ class Synth(Multiscale, Structured, Flattened):
         return with_report(quality, plane, results, source if copies else None, original)
 
     @property
-    def _is_judged(self) -> bool:
-        """Whether the photo decides the jitter."""
+    def quilted(self) -> bool:
+        """Whether the plane starts from patches of the photo."""
         return self.graph is None and self.jitter is None and not self.keeplayout and not self.paper
 
-    def _judged(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
-        """The settings with the jitter that keeps the photo's objects whole; warns if none does."""
-        resources = session.resources
-        endless = replace(settings, around=None, around_level=0)  # decided for the whole plane, however it repeats
-        with resources.stats.time("fidelity"):
-            best, kept = best_jitter(
-                self.flag(), plane, endless, original, lambda one: self.maker(plane, one, resources), analysis_folder()
-            )
-        say_fidelity(self.flag(), kept, spelled(best), warn=True)
-        return replace(settings, jitter=best.jitter)
+    def _quilted(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
+        """The settings with patches that keep the photo's objects whole; warns if none do."""
+        resources, root = session.resources, plane.exemplars[0]
+        structure, period = self._structure(plane, settings, resources)
+
+        def quilted(patch: int) -> PlaneQuilt:
+            grid = Grid(*period, True, True, patch=patch, overlap=patch // 4)
+            in_step = self.kept_structure(structure, grid, settings.seed)
+            return quilt_of(resources.device, resources.budget, root, grid, settings.seed, in_step)
+
+        with resources.stats.time("quilt"):
+            best, kept = best_quilt(
+                self.flag(), plane, settings, period, original, quilted,
+                lambda one: self.maker(plane, one, resources), analysis_folder(),
+            )  # fmt: skip
+        say_fidelity(self.flag(), kept, "", warn=True)
+        return best
+
+    def _structure(
+        self, plane: Plane, settings: PlaneSettings, resources: Resources
+    ) -> tuple[Lattice | Courses | None, tuple[int, int]]:
+        """The lattice or courses of the photo, and a period of the plane on which they close, px of the photo."""
+        root, around = plane.exemplars[0], settings.around
+        usable = None if root.opaque is None else root.opaque[root.photo]
+        pixels = ExemplarPixels(root.values[root.photo], usable, usable, "transparent pixels")
+        structure = self.structure_of(pixels, resources)
+        if around is not None:
+            zoom = plane.finest - settings.around_level
+            around = tuple(n << zoom if zoom >= 0 else n >> -zoom for n in around)
+        period = period_of(root.side, around)
+        size = fitting_size(self.flag(), structure, Size(*period), around is not None, (True, True), 1 << OCTAVES)
+        return structure, tuple(size)
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
@@ -220,26 +244,6 @@ class Synth(Multiscale, Structured, Flattened):
             expected = f"multiples of {1 << level} px, for {modifier(tiles='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
-
-    def _in_step(
-        self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session
-    ) -> InStep | InCourses | None:
-        """The lattice or courses of the single exemplar, in px of its square; None with keeplayout or paper."""
-        if self.graph is not None or self.keeplayout or self.paper:
-            return None
-        root = plane.exemplars[0]
-        pixels = ExemplarPixels(root.values, root.opaque, root.opaque, "transparent pixels")
-        structure = self.structure_of(pixels, session.resources)
-        if around is None:
-            side = root.side
-            if isinstance(structure, Courses):  # an unbounded plane repeats them in their order
-                side = round(float(structure.heights.sum()))
-            return self.kept_structure(structure, Domain(side, side, *(isinstance(structure, Courses),) * 2))
-        zoom = 2.0 ** (level - plane.finest)  # pixels of the level for each pixel of the square
-        if isinstance(structure, Lattice):
-            fitting_size(self.flag(), structure.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
-        width, height = (max(1, round(n / zoom)) for n in around)
-        return self.kept_structure(structure, Domain(width, height, True, True))
 
     def _maps(self, plane: Plane, states: States, planned: dict[str, Part]) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""
