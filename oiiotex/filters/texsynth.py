@@ -16,7 +16,7 @@ from ..engine.core.image import Part, spec_beside
 from ..engine.core.op import Kind, Output, Plan, no_pixels
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import ST, SourceMap
-from ..engine.core.window import Window
+from ..engine.core.window import Domain, Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
@@ -30,9 +30,9 @@ from ..synthesis.multiscale.graph import Graph
 from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
 from ..synthesis.multiscale.judged_quilt import best_quilt
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..synthesis.multiscale.plane_quilt import OCTAVES, PlaneQuilt, period_of
+from ..synthesis.multiscale.plane_quilt import LEAST_PATCH, OCTAVES, PlaneQuilt, period_of
 from ..synthesis.multiscale.plane_quilt import quilted as quilt_of
-from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quilting.quilt_plan import Grid
 
@@ -90,7 +90,8 @@ class Synth(Multiscale, Structured, Flattened):
     tiles: str = param(
         "none",
         choices=("none", "xy"),
-        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^lod pixels.",
+        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 8 px or,"
+        " with graph, jitter, keeplayout or paper, of 2^lod px.",
     )
     resume: bool = param(
         False,
@@ -146,7 +147,7 @@ class Synth(Multiscale, Structured, Flattened):
         plane = self.opened(graph, images, resources, progress, excluded)
         original = plane.root_lab(own[graph.root], self.working_space, resources)
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
-        around = self._around(level, display)
+        around = self._around(level, display, plane.finest)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level)
         if self.quilted:
@@ -184,32 +185,38 @@ class Synth(Multiscale, Structured, Flattened):
         structure, period = self._structure(plane, settings, resources)
 
         def quilted(patch: int) -> PlaneQuilt:
-            grid = Grid(*period, True, True, patch=patch, overlap=patch // 4)
+            grid = Grid(*period, True, True, patch=patch, overlap=max(1, patch // 4))
             in_step = self.kept_structure(structure, grid, settings.seed)
             return quilt_of(resources.device, resources.budget, root, grid, settings.seed, in_step)
 
+        def maker(one: PlaneSettings) -> Synthesizer:
+            return self.maker(plane, one, resources)
+
         with resources.stats.time("quilt"):
-            best, kept = best_quilt(
-                self.flag(), plane, settings, period, original, quilted,
-                lambda one: self.maker(plane, one, resources), analysis_folder(),
-            )  # fmt: skip
-        say_fidelity(self.flag(), kept, "", warn=True)
+            strength = self.lattice if structure else 0.0
+            best, kept, patches = best_quilt(
+                self.flag(), plane, settings, period, strength, original, quilted, maker, analysis_folder()
+            )
+        say_fidelity(self.flag(), kept, patches, warn=True)
         return best
 
     def _structure(
         self, plane: Plane, settings: PlaneSettings, resources: Resources
     ) -> tuple[Lattice | Courses | None, tuple[int, int]]:
-        """The lattice or courses of the photo, and a period of the plane on which they close, px of the photo."""
+        """The lattice or courses of the photo, and the period of the plane's start, px, on which they close."""
         root, around = plane.exemplars[0], settings.around
         usable = None if root.opaque is None else root.opaque[root.photo]
         pixels = ExemplarPixels(root.values[root.photo], usable, usable, "transparent pixels")
         structure = self.structure_of(pixels, resources)
-        if around is not None:
-            zoom = plane.finest - settings.around_level
-            around = tuple(n << zoom if zoom >= 0 else n >> -zoom for n in around)
-        period = period_of(root.side, around)
-        size = fitting_size(self.flag(), structure, Size(*period), around is not None, (True, True), 1 << OCTAVES)
-        return structure, tuple(size)
+        if around is None:
+            width, height = period_of(root.side, None)
+            if isinstance(structure, Lattice):
+                width, height = structure.fitting(Domain(width, height, True, True), 1 << OCTAVES)
+            return structure, (width, height)
+        zoom = 2.0 ** (plane.finest - settings.around_level)  # pixels of the photo for each of the level
+        width, height = (round(n * zoom) for n in around)
+        fitting_size(self.flag(), structure, Size(width, height), True, (True, True), 1 << OCTAVES)
+        return structure, period_of(root.side, (width, height))
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
@@ -234,14 +241,15 @@ class Synth(Multiscale, Structured, Flattened):
         window = asked or display or Window(0, 0, spec.width, spec.height)
         return display, window
 
-    def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
+    def _around(self, level: int, display: Window | None, finest: int) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""
         if self.tiles == "none":
             return None
         if self.size is None or display is None:
             raise ParameterError(f"{modifier(tiles='xy')} requires size, the period of the texture")
-        if any(n % (1 << level) for n in self.size):
-            expected = f"multiples of {1 << level} px, for {modifier(tiles='xy')} on level {level}"
+        multiple = LEAST_PATCH << max(0, level - finest) if self.quilted else 1 << level
+        if any(n % multiple for n in self.size):
+            expected = f"multiples of {multiple} px, for {modifier(tiles='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 

@@ -24,7 +24,7 @@ from .plane_quilt import PlaneQuilt, patch_of
 from .synthesizer import PlaneSettings, Synthesizer
 
 _VERSION = "oiiotex plane quilt 1"
-_SHARES = 8, 4, 2.67  # the photo's shorter side over that of a patch
+_SHARES = 8, 4, 8 / 3  # the photo's shorter side over that of a patch
 _MEASURES = "band_96", "band_48", "band_24", "shapes", "lines", "missing", "broken"
 
 
@@ -33,35 +33,63 @@ def best_quilt(
     plane: Plane,
     settings: PlaneSettings,
     period: tuple[int, int],
+    strength: float,
     original: np.ndarray,
     quilted: Callable[[int], PlaneQuilt],
     maker: Callable[[PlaneSettings], Synthesizer],
     folder: Path | None,
-) -> tuple[PlaneSettings, Fidelity | None]:
-    """The settings with the start that is judged best, and its fidelity; None if the exemplar is too small.
+) -> tuple[PlaneSettings, Fidelity | None, str]:
+    """The settings with the start that is judged best, its fidelity, and its patches in words.
 
-    `original` (height, width, 3) float32: Lab of the exemplar before flattening. `quilted` gives the start with patches of
-    a side, `maker` the synthesizer of settings; `folder` caches the decision.
+    Parameters
+    ----------
+    flag : str
+        Name of the op, for the log.
+    plane : Plane
+    settings : PlaneSettings
+    period : (int, int)
+        Of the start, px.
+    strength : float
+        With which it keeps the photo's lattice or courses.
+    original : (height, width, 3) float32
+        Lab of the exemplar before flattening.
+    quilted : callable
+        The start with patches of a side in px.
+    maker : callable
+        The synthesizer of settings.
+    folder : Path or None
+        Caches the decision.
+
+    Returns
+    -------
+    (PlaneSettings, Fidelity or None, str)
+        None: the exemplar is too small to measure.
     """
     patches = list(dict.fromkeys(patch_of(plane.exemplars[0], share, period) for share in _SHARES))
-    key = hash_of(_VERSION, plane.key(settings, plane.finest), patches, period, original)
+    key = hash_of(_VERSION, plane.key(settings, plane.finest), patches, period, strength, original)
 
-    def with_patch(patch: int) -> Try[PlaneQuilt]:
-        return Try(f"patches of {patch} px", lambda _: quilted(patch))
+    def with_patch(patch: int) -> Try[tuple[int, PlaneQuilt]]:
+        return Try(_spelled(patch), lambda _: (patch, quilted(patch)))
 
-    def judged(quilt: PlaneQuilt) -> Fidelity | None:
-        return _judged(plane, maker(replace(settings, quilt=quilt)), original)
+    def judged(made: tuple[int, PlaneQuilt]) -> Fidelity | None:
+        return _judged(plane, maker(replace(settings, quilt=made[1])), original)
 
     def decided() -> tuple[np.ndarray, ...]:
         best = best_tried(flag, map(with_patch, patches), judged, Progress())
         measures = {} if best.kept is None else best.kept.measures()
-        values = np.array([measures.get(name, np.nan) for name in _MEASURES])
-        return np.array([best.made.level]), best.made.source.packed, values
+        patch, quilt = best.made
+        facts = np.array([patch, quilt.level, *(measures.get(name, np.nan) for name in _MEASURES)])
+        return facts, quilt.source.packed
 
-    level, packed, values = cached_arrays(folder, key, decided)
-    known = {name: value for name, value in zip(_MEASURES, values.tolist(), strict=True) if not np.isnan(value)}
-    quilt = PlaneQuilt(int(level[0]), key, SourceMap(packed))
-    return replace(settings, quilt=quilt), Fidelity.of_measures(known) if known else None
+    facts, packed = cached_arrays(folder, key, decided)
+    patch, level, *values = facts.tolist()
+    known = {name: value for name, value in zip(_MEASURES, values, strict=True) if not np.isnan(value)}
+    best = replace(settings, quilt=PlaneQuilt(int(level), key, SourceMap(packed)))
+    return best, Fidelity.of_measures(known) if known else None, _spelled(int(patch))
+
+
+def _spelled(patch: int) -> str:
+    return f"patches of {patch} px"
 
 
 def _judged(plane: Plane, maker: Synthesizer, original: np.ndarray) -> Fidelity | None:

@@ -3,7 +3,7 @@
 
 Not in HRRG08, where a plane starts from one texel and jitter. Neighborhoods of 5 x 5 pixels of a level cannot put
 together again what jitter has cut on a coarser one, so bricks lose their ends and pebbles are chained. Patches keep
-objects whole; the levels from the start on heal their seams. Any window of a torus is known, however far away it is.
+objects whole, and correction on finer levels heals their seams. Any window of a torus is known, however far away.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.io.disk_cache import hash_of
 from ...engine.opencl.device import Device
-from ..quilting.quilt_plan import Grid
+from ..quilting.quilt_plan import MOST_PATCH, Grid
 from ..quilting.quilter import Demand, Quilt, QuiltExemplar, Rules
 from .stacks import Exemplar
 
@@ -28,8 +28,9 @@ OCTAVES = 1
 LEAST_PATCH = 8  # px
 _SIDES = 4  # of the exemplar: period of an unbounded plane
 _MOST_SIDES = 8  # of a larger period: it is divided
-_CANDIDATES, _REACH = 1024, 4
+_CANDIDATES, _REACH = 1024, 4  # patches compared per cell; px by which the best may be moved
 _STRIP = 1 << 20  # px of a quilt that are rendered at once
+_PICKED = slice((1 << OCTAVES) // 2, None, 1 << OCTAVES)  # of them: the middles of the start's pixels, rounded up
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class PlaneQuilt:
     Attributes
     ----------
     level : int
-        Of the plane. Coarser levels show every second of its pixels, and so on.
+        Of the plane. The next coarser one shows every second pixel along x and y, and so on.
     key : str
         A hash of the torus.
     source : SourceMap
@@ -51,7 +52,10 @@ class PlaneQuilt:
     source: SourceMap = field(repr=False, compare=False)
 
     def texels(self, level: int, window: Window, bits: int, shown: tuple[tuple[int, int], ...]) -> np.ndarray:
-        """The texels of a window of its level or a coarser one, of a stack with these levels: (height, width)."""
+        """The texels of a window of its level or a coarser one, (height, width) uint32.
+
+        `bits`: log2 of the exemplar's side. `shown`: the stack levels, by number.
+        """
         apart = 1 << (self.level - level)
         rows, columns = (
             (np.arange(*ends) * apart + apart // 2) % size
@@ -65,44 +69,54 @@ class PlaneQuilt:
 
 
 def period_of(side: int, around: tuple[int, int] | None) -> tuple[int, int]:
-    """Period of the start for a plane of an exemplar of that side, px: it divides the plane's, if that repeats."""
-    return (_SIDES * side,) * 2 if around is None else (_divided(side, around[0]), _divided(side, around[1]))
+    """Period of the start of a plane, px: of a plane that repeats after `around` px, a part of that.
+
+    `side`: of the exemplar, px.
+    """
+    return (_SIDES * side,) * 2 if around is None else (_part(side, around[0]), _part(side, around[1]))
 
 
-def _divided(side: int, period: int) -> int:
-    """The period in as few equal parts as are small enough; in one if these would be small."""
-    step = 1 << OCTAVES
+def _part(side: int, period: int) -> int:
+    """One of as few equal parts of a period as are small enough; the whole if parts would be small."""
     parts = math.ceil(period / (_MOST_SIDES * side))
-    while period % (step * parts):
+    while period % (parts << OCTAVES) and period >= 2 * side * parts:
         parts += 1
-    return period // parts if period // parts >= 2 * side else period
+    return period // parts if period >= 2 * side * parts else period
 
 
-def patch_of(exemplar: Exemplar, share: int, period: tuple[int, int]) -> int:
-    """Side of a patch, px: the photo's shorter side / `share`, if such patches are valid and fit into the period."""
-    usable = _usable(exemplar)
-    most = min(exemplar.place.size) if usable is None else largest_window(usable)
-    return min(1 << max(3, round(math.log2(min(exemplar.place.size) / share))), most, *period, 256)
+def patch_of(exemplar: Exemplar, share: float, period: tuple[int, int]) -> int:
+    """Side of a patch, px: about the photo's shorter side / `share`, and such that valid patches exist."""
+    shorter, valid = min(exemplar.place.size), _valid(exemplar)
+    side = 1 << round(math.log2(max(LEAST_PATCH, shorter / share)))
+    return min(side, shorter if valid is None else largest_window(valid), *period, MOST_PATCH)
 
 
-def _usable(exemplar: Exemplar) -> np.ndarray | None:
-    usable = None if exemplar.opaque is None else exemplar.opaque[exemplar.photo]
-    return None if usable is None or usable.all() else usable
+def _valid(exemplar: Exemplar) -> np.ndarray | None:
+    """Pixels of the photo that patches may hold, (height, width) bool; None: all.
+
+    All if they hold no patch: correction replaces those that are not opaque.
+    """
+    if exemplar.opaque is None:
+        return None
+    valid = exemplar.opaque[exemplar.photo]
+    return None if valid.all() or largest_window(valid) < LEAST_PATCH else valid
 
 
 def quilted(
     device: Device, budget: int, exemplar: Exemplar, grid: Grid, seed: int, in_step: InStep | InCourses | None
 ) -> PlaneQuilt:
-    """The start of a plane, on the torus of a grid."""
+    """The start of a plane, on the torus of a grid in pixels of the exemplar.
+
+    `in_step`: lattice or courses of the photo, if the plane keeps them.
+    """
     lab = to_grid(exemplar.values[exemplar.photo][..., :3], COARSE_STEPS)
-    table = content_table(*window_keys(np.ones(lab.shape[:2], np.uint8), grid.patch, _usable(exemplar)), grid.patch)
+    table = content_table(*window_keys(np.ones(lab.shape[:2], np.uint8), grid.patch, _valid(exemplar)), grid.patch)
     rules = Rules(seed=seed, candidates=_CANDIDATES, reach=min(_REACH, grid.patch // 16))
     demand = Demand(np.zeros(grid.shape, np.int32))
     quilt = Quilt(device, QuiltExemplar(lab, table), grid, demand, rules, budget, in_step=in_step)
-    step = 1 << OCTAVES
-    rows = max(1, _STRIP // (grid.width * step)) * step
+    rows = max(1, _STRIP // (grid.width << OCTAVES)) << OCTAVES
     strips = [
-        quilt.sources(Window(0, top, grid.width, min(top + rows, grid.height))).packed[step // 2 :: step, step // 2 :: step]
+        quilt.sources(Window(0, top, grid.width, min(top + rows, grid.height))).packed[_PICKED, _PICKED]
         for top in range(0, grid.height, rows)
     ]
     source = SourceMap(np.concatenate(strips))
