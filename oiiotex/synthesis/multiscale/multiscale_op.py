@@ -56,7 +56,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         le=1,
         example="0,1,1,0.6",
         unset="that of the graph, else 1 on coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on"
-        " all levels of an endless zoom and with paper",
+        " all levels of an endless zoom and with paper; none for a texture from one photo, which starts from patches",
         help="Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all further"
         " levels. Reduce it where structures break, increase it where the exemplar repeats.",
         advanced=True,
