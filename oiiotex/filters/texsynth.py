@@ -50,8 +50,8 @@ class Synth(Multiscale, Structured, Flattened):
 
     A single photo is read as a whole up to 512 px, and the texture is laid from patches of it that keep its objects
     whole. Exemplars of a graph are cropped to centered squares with a power-of-two side. One that does not tile is
-    mirrored at its borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph
-    differ. The gradients and stains of a single photo are removed first.
+    mirrored at its borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a
+    graph differ. The gradients and stains of a single photo are removed first.
     """
 
     example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
