@@ -4,14 +4,11 @@
 #include "hash.h"
 #include "projected.h"
 #include "offsets.h"
-#include "lattice.h"
 
 #define BITS 12           // fraction bits of the basis
 #define SIDE_TAPS 5       // side of a neighborhood
 #define NEAR 9            // pixels whose candidates are tried
 #define RECORD (2 * DIMS) // per texel: the neighborhoods of its two candidates, a cache line
-#define LATTICE 1         // values of `regular`
-#define COURSES 2
 // whether a pixel of a window is in the root's own cell
 #define WITHIN_OWN(x, y) ((x) >= own_left && (y) >= own_top && (x) < own_right && (y) < own_bottom)
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
@@ -42,41 +39,11 @@ static inline uint texel_within(int level, int y, int x, int side, int tiles) {
   return tiles ? texel_at(level, y, x, side) : texel_at(level, mirrored(y, side), mirrored(x, side), side);
 }
 
-// The texel moved so that pixel (px, py) is in phase with the exemplar's lattice: by steps[0] to steps[3] for a full
-// cycle of both phases, and by a lattice vector (the following steps) if it would leave the exemplar.
-static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side) {
-  int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), outside = ~((1 << side) - 1);
-  int2 off = phases_of_offset(phases, px, py, x, y);
-  x -= (int)(((long)off.x * steps[0] + (long)off.y * steps[2] + (1l << 39)) >> 40);
-  y -= (int)(((long)off.x * steps[1] + (long)off.y * steps[3] + (1l << 39)) >> 40);
-  int from_x = x, from_y = y;
-  for (int n = 1; n < 9 && ((x | y) & outside); n++) {
-    int u = n % 3 - (n % 3 > 1 ? 3 : 0), v = n / 3 - (n / 3 > 1 ? 3 : 0);   // 0, 1, -1
-    x = from_x + ((u * steps[4] + v * steps[6] + 128) >> 8);
-    y = from_y + ((u * steps[5] + v * steps[7] + 128) >> 8);
-  }
-  return (x | y) & outside ? texel_at(TEXEL_LEVEL(texel, side), from_y, from_x, side)
-                           : texel_at(TEXEL_LEVEL(texel, side), y, x, side);
-}
-
-// The texel moved so that pixel (px, py) is in phase with the exemplar's courses, along one axis. `phases`: 1 for rows;
-// the starts of the exemplar's and the plane's phases in `rows`; the plane's period and the pixel's width, in texels.
-static inline uint in_courses(uint texel, long px, long py, __constant uint *phases, const __global uint *rows,
-                              __constant int *steps, int side) {
-  int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), last = (1 << side) - 1;
-  long period = phases[3], wide = phases[4], at = (phases[0] ? py : px) % period;
-  at = ((at + period) % period * wide + (wide - 1) / 2) % period;
-  int off = (int)(rows[phases[1] + (uint)(phases[0] ? y : x)] - rows[phases[2] + (uint)at]);
-  x -= (int)(((long)off * steps[0] + (1l << 39)) >> 40);
-  y -= (int)(((long)off * steps[1] + (1l << 39)) >> 40);
-  return texel_at(TEXEL_LEVEL(texel, side), min(max(y, 0), last), min(max(x, 0), last), side);
-}
-
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
 // parent. (left, top) is the origin of the window, (from_x, from_y) the parent of its first pixel in the parents'
 // window. rho is in 1/256; `tiles` says for every level whether its exemplar is a torus. Departures: h_k is the
 // child's spacing; past the end of a stack the texel is repeated; exemplars that do not tile are mirrored; R is
-// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice or courses; pixels
+// keep/256 of the inherited one; pixels
 // of the root's own cell have neither jitter nor R.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
@@ -85,9 +52,7 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
                                   const __global int *restrict tiles, int side,
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
                                   long around_x, long around_y, uint level, uint seed, int rho, int keep,
-                                  int regular, __constant uint *phases, __constant int *steps,
-                                  const __global uint *restrict rows, int own_left, int own_top, int own_right,
-                                  int own_bottom) {
+                                  int own_left, int own_top, int own_right, int own_bottom) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= width || j >= height) return;
   int odd_x = (int)((left + i) & 1), odd_y = (int)((top + j) & 1);
@@ -109,9 +74,7 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
     y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
   }
-  uint made = texel_within(now, y, x, side, regular == LATTICE || tiles[now]);   // in phase, opposite borders look alike
-  if (regular == LATTICE) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
-  if (regular == COURSES) made = in_courses(made, at_x, at_y, phases, rows, steps, side);
+  uint made = texel_within(now, y, x, side, tiles[now]);
   long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);

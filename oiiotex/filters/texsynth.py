@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..analysis.regularity.courses import Courses, InCourses
+from ..analysis.regularity.courses import Courses
 from ..analysis.regularity.lattice import Lattice
-from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
 from ..engine.core.image import Part, spec_beside
@@ -22,16 +21,20 @@ from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_op import ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
 from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
-from ..synthesis.multiscale.judged_jitter import best_jitter, spelled
+from ..synthesis.multiscale.judged_quilt import best_quilt
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings
+from ..synthesis.multiscale.plane_quilt import LEAST_PATCH, OCTAVES, PlaneQuilt, period_of
+from ..synthesis.multiscale.plane_quilt import quilted as quilt_of
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quilting.quilt_plan import Grid
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 
@@ -45,9 +48,10 @@ class Synth(Multiscale, Structured, Flattened):
     level of detail can be computed alone, and has the same pixels as in the whole texture (HRRG08: Han, Risser,
     Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
-    Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
-    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ. The
-    gradients and stains of a single photo are removed first.
+    A single photo is read as a whole up to 512 px, and the texture is laid from patches of it that keep its objects
+    whole. Exemplars of a graph are cropped to centered squares with a power-of-two side. One that does not tile is
+    mirrored at its borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a
+    graph differ. The gradients and stains of a single photo are removed first.
     """
 
     example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
@@ -87,7 +91,8 @@ class Synth(Multiscale, Structured, Flattened):
     tiles: str = param(
         "none",
         choices=("none", "xy"),
-        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^lod pixels.",
+        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 8 px or,"
+        " with graph, jitter, keeplayout or paper, of 2^lod px.",
     )
     resume: bool = param(
         False,
@@ -143,12 +148,11 @@ class Synth(Multiscale, Structured, Flattened):
         plane = self.opened(graph, images, resources, progress, excluded)
         original = plane.root_lab(own[graph.root], self.working_space, resources)
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
-        around = self._around(level, display)
-        in_step = self._in_step(plane, level, around, session)
+        around = self._around(level, display, plane.finest)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
-        settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
-        if self._is_judged:
-            settings = self._judged(plane, settings, original, session)
+        settings = plane.settings(**how, around=around, around_level=level)
+        if self.quilted:
+            settings = self._quilted(plane, settings, original, session)
         maker = self.maker(plane, settings, resources)
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
@@ -172,20 +176,48 @@ class Synth(Multiscale, Structured, Flattened):
         return with_report(quality, plane, results, source if copies else None, original)
 
     @property
-    def _is_judged(self) -> bool:
-        """Whether the photo decides the jitter."""
+    def quilted(self) -> bool:
+        """Whether the plane starts from patches of the photo."""
         return self.graph is None and self.jitter is None and not self.keeplayout and not self.paper
 
-    def _judged(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
-        """The settings with the jitter that keeps the photo's objects whole; warns if none does."""
-        resources = session.resources
-        endless = replace(settings, around=None, around_level=0)  # decided for the whole plane, however it repeats
-        with resources.stats.time("fidelity"):
-            best, kept = best_jitter(
-                self.flag(), plane, endless, original, lambda one: self.maker(plane, one, resources), analysis_folder()
+    def _quilted(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
+        """The settings with patches that keep the photo's objects whole; warns if none do."""
+        resources, root = session.resources, plane.exemplars[0]
+        structure, period = self._structure(plane, settings, resources)
+
+        def quilted(patch: int) -> PlaneQuilt:
+            grid = Grid(*period, True, True, patch=patch, overlap=max(1, patch // 4))
+            in_step = self.kept_structure(structure, grid, settings.seed)
+            return quilt_of(resources.device, resources.budget, root, grid, settings.seed, in_step)
+
+        def maker(one: PlaneSettings) -> Synthesizer:
+            return self.maker(plane, one, resources)
+
+        with resources.stats.time("quilt"):
+            strength = self.lattice if structure else 0.0
+            best, kept, patches = best_quilt(
+                self.flag(), plane, settings, period, strength, original, quilted, maker, analysis_folder()
             )
-        say_fidelity(self.flag(), kept, spelled(best), warn=True)
-        return replace(settings, jitter=best.jitter)
+        say_fidelity(self.flag(), kept, patches, warn=True)
+        return best
+
+    def _structure(
+        self, plane: Plane, settings: PlaneSettings, resources: Resources
+    ) -> tuple[Lattice | Courses | None, tuple[int, int]]:
+        """The lattice or courses of the photo, and the period of the plane's start, px, on which they close."""
+        root, around = plane.exemplars[0], settings.around
+        usable = None if root.opaque is None else root.opaque[root.photo]
+        pixels = ExemplarPixels(root.values[root.photo], usable, usable, "transparent pixels")
+        structure = self.structure_of(pixels, resources)
+        if around is None:
+            width, height = period_of(root.side, None)
+            if isinstance(structure, Lattice):
+                width, height = structure.fitting(Domain(width, height, True, True), 1 << OCTAVES)
+            return structure, (width, height)
+        zoom = 2.0 ** (plane.finest - settings.around_level)  # pixels of the photo for each of the level
+        width, height = (round(n * zoom) for n in around)
+        fitting_size(self.flag(), structure, Size(width, height), True, (True, True), 1 << OCTAVES)
+        return structure, period_of(root.side, (width, height))
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
@@ -210,36 +242,17 @@ class Synth(Multiscale, Structured, Flattened):
         window = asked or display or Window(0, 0, spec.width, spec.height)
         return display, window
 
-    def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
+    def _around(self, level: int, display: Window | None, finest: int) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""
         if self.tiles == "none":
             return None
         if self.size is None or display is None:
             raise ParameterError(f"{modifier(tiles='xy')} requires size, the period of the texture")
-        if any(n % (1 << level) for n in self.size):
-            expected = f"multiples of {1 << level} px, for {modifier(tiles='xy')} on level {level}"
+        multiple = LEAST_PATCH << max(0, level - finest) if self.quilted else 1 << level
+        if any(n % multiple for n in self.size):
+            expected = f"multiples of {multiple} px, for {modifier(tiles='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
-
-    def _in_step(
-        self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session
-    ) -> InStep | InCourses | None:
-        """The lattice or courses of the single exemplar, in px of its square; None with keeplayout or paper."""
-        if self.graph is not None or self.keeplayout or self.paper:
-            return None
-        root = plane.exemplars[0]
-        pixels = ExemplarPixels(root.values, root.opaque, root.opaque, "transparent pixels")
-        structure = self.structure_of(pixels, session.resources)
-        if around is None:
-            side = root.side
-            if isinstance(structure, Courses):  # an unbounded plane repeats them in their order
-                side = round(float(structure.heights.sum()))
-            return self.kept_structure(structure, Domain(side, side, *(isinstance(structure, Courses),) * 2))
-        zoom = 2.0 ** (level - plane.finest)  # pixels of the level for each pixel of the square
-        if isinstance(structure, Lattice):
-            fitting_size(self.flag(), structure.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
-        width, height = (max(1, round(n / zoom)) for n in around)
-        return self.kept_structure(structure, Domain(width, height, True, True))
 
     def _maps(self, plane: Plane, states: States, planned: dict[str, Part]) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""

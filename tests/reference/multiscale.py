@@ -70,11 +70,6 @@ class Oracle:
             bits = place_hash(x % width if width else x, y % height if height else y, level, self.s.seed)
             u += int(np.floor(h * (rho / 256) * ((bits >> 16) - 32768) / 32768 + 0.5))
             v += int(np.floor(h * (rho / 256) * ((bits & 0xFFFF) - 32768) / 32768 + 0.5))
-        if self.s.steps is not None and level <= self.n.bit_length() - 1:
-            width, height = self.s.period(level)
-            u, v = u % self.n, v % self.n
-            u, v = self.in_step(u, v, level, x % width if width else x, y % height if height else y)
-            u, v = u % self.n, v % self.n  # in phase, opposite borders look alike
         others = [self.done(level - 1, px + a, py + b)[1] for a, b in ((sx, 0), (0, sy), (sx, sy))]
         r = (9 * r + 3 * others[0] + 3 * others[1] + others[2]) * round(256 * self.s.kept)
         r = np.zeros(3, np.int64) if own else np.clip((r + 2048) >> 12, -8191, 8191)
@@ -84,24 +79,6 @@ class Oracle:
         """A coordinate inside its exemplar: wrapped where the exemplar tiles, otherwise mirrored."""
         tiles = self.a.stacks.periodic[number]
         return at % self.n if tiles else min(at % (2 * self.n), 2 * self.n - 1 - at % (2 * self.n))
-
-    def in_step(self, u, v, level, x, y):
-        p, spacing = self.s.steps.phases, self.n >> level
-        off = []
-        for n in (0, 1):
-            middle = (p[2 * n + 4] + p[2 * n + 5]) * (spacing - 1) // 2
-            cycles = (
-                p[2 * n] * u + p[2 * n + 1] * v - spacing * (p[2 * n + 4] * x + p[2 * n + 5] * y) - middle + p[8 + n]
-            )
-            off.append((cycles - 2**25 + 2**31) % 2**32 - 2**31)
-        m, w = self.s.steps.moves, self.s.steps.vectors
-        u -= (off[0] * m[0] + off[1] * m[2] + 2**39) >> 40
-        v -= (off[0] * m[1] + off[1] * m[3] + 2**39) >> 40
-        for b, a in ((b, a) for b in (0, 1, -1) for a in (0, 1, -1)):
-            at = u + ((a * w[0] + b * w[2] + 128) >> 8), v + ((a * w[1] + b * w[3] + 128) >> 8)
-            if min(at) >= 0 and max(at) < self.n:
-                return at
-        return u, v
 
     def color(self, pixel):
         return self.stack[pixel[0]] + pixel[1]

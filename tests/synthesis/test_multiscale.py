@@ -9,8 +9,6 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.analysis.regularity.lattice import BINS, Lattice
-from oiiotex.analysis.regularity.offset_prices import InStep
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import MemoryBudgetError, ParameterError
 from oiiotex.engine.opencl.device import Device
@@ -20,7 +18,6 @@ from oiiotex.synthesis.multiscale.contrast import kept_in, with_contrast
 from oiiotex.synthesis.multiscale.graph import Graph
 from oiiotex.synthesis.multiscale.synthesizer import (
     KEPT_IN_LOOPS,
-    LatticeSteps,
     PlaneSettings,
     Synthesizer,
     default_jitter,
@@ -60,13 +57,6 @@ def mirrored(device):
     return analyzed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
 
 
-def steps_of(frequencies, structure):
-    """Of a lattice with these frequencies."""
-    u = np.cos(2 * np.pi * np.arange(BINS) / BINS)
-    lattice = Lattice(np.array(frequencies), 9.0, u if len(frequencies) == 1 else u[:, None] + u)
-    return LatticeSteps.of(InStep(lattice, lattice.frequencies, structure))
-
-
 def settings(**more):
     return PlaneSettings(**{"seed": 3, "jitter": (0.0, 0.6, 0.6, 0.6, 0.3), "kept": 0.8, **more})
 
@@ -87,22 +77,6 @@ def test_a_window_is_the_oracles(loop, in_lanes, place):
         np.testing.assert_array_equal(made.offset[..., :3], offset)
     assert offset.any()  # it has come to the other exemplar, and taken colors along
     assert {loop.stacks.levels.stacks[n][0] for n in np.unique(texel >> 8)} == {1}
-
-
-@pytest.mark.parametrize(
-    ("frequencies", "structure", "around"),
-    [([[1 / 7.3, 0.02], [-0.03, 1 / 9.1]], 0.5, None), ([[0.1, 0.04]], 0.2, (64, 96))],
-    ids=["lattice", "stripes on a torus"],
-)
-def test_a_window_in_step_is_the_oracles(mirrored, in_lanes, frequencies, structure, around):
-    kept = settings(kept=1.0, steps=steps_of(frequencies, structure), around=around, around_level=5)
-    for place, level in (((-3, 2), 5), ((FAR + 5, -FAR), 5), ((FAR + 5, -FAR), 3)):
-        window = Window.sized(*place, 5, 4)
-        texel = Oracle(mirrored, kept).window(level, *window)[0]
-        for device in in_lanes[:2]:
-            np.testing.assert_array_equal(
-                Synthesizer(device, mirrored, kept, BUDGET).window(level, window).texel, texel
-            )
 
 
 @pytest.mark.parametrize("seed", [2, 3])

@@ -207,7 +207,8 @@ WRONG = [
     (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "9x9+15+0: expected a window inside size=20x20"),
     (("--texsynth:graph=loop.json:lod=61",), "lod=61: expected an integer from 0 to 60"),
     (("--texsynth:graph=loop.json:st=loop.json",), "loop.json would overwrite graph, an input file"),
-    (("photo.png", "--texsynth:size=100x64:tiles=xy"), "size=100x64: expected multiples of 64 px, for tiles=xy"),
+    (("photo.png", "--texsynth:size=100x64:tiles=xy"), "size=100x64: expected multiples of 8 px, for tiles=xy"),
+    (("photo.png", "--texsynth:size=96x64:tiles=xy:jitter=0"), "size=96x64: expected multiples of 64 px, for tiles=xy"),
     (("photo.png", "--texsynth:tiles=xy"), "tiles=xy requires size, the period of the texture"),
     (("photo.png", "--texsynth:keeplayout=61"), "keeplayout=61: expected 0, 1, or an integer from 0 to 60"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: expected at least 16 px"),
@@ -291,3 +292,24 @@ def test_a_large_photo_is_read_in_bands_and_only_its_square_is_held(monkeypatch)
     exemplar = stacks._cut(image, 1.0, 64, None, lens, lens, np.dtype(np.float32))
     np.testing.assert_array_equal(exemplar.pixels, pixels[418:482, 18:82])
     assert max(asked) <= 64 and sum(asked) == 900 + 64
+
+
+def test_a_plane_of_one_photo_shows_all_of_it(folder):
+    """A square of 64 px would hold less than half of the photo; what fills the one of 128 px is never copied."""
+    save(pictures.pebbles(80, 120, 3), folder / "oblong.png", space=SRGB)
+    run_in(folder, "oblong.png", "--texsynth:size=240x160:flattening=0:st=st.exr", "-o", "a.png")
+    run_in(folder, "oblong.png", "st.exr", "--texwarp", "-o", "b.png")
+    np.testing.assert_array_equal(load(folder / "a.png"), load(folder / "b.png"))
+    x, y = np.moveaxis(np.floor(load(folder / "st.exr")[..., :2] * (120, 80)), -1, 0)
+    assert x.min() < 28 and x.max() >= 92 and y.min() < 8 and y.max() >= 72  # outside the square of 64 px
+
+
+def test_a_plane_of_one_photo_repeats_with_its_start():
+    """After four times the exemplar's side, here 64 px, as far away as coordinates reach; coarser levels, too."""
+    photo = buffer(pictures.pebbles(64, 64, 3))
+    for lod, period in ((6, 256), (4, 64)):
+        near, far = (
+            filters.synth(photo, window=f"40x30+{place}+{place}", lod=lod, seed=2).get_pixels(oiio.FLOAT)
+            for place in (5, 5 + (period << 40))
+        )
+        np.testing.assert_array_equal(near, far)

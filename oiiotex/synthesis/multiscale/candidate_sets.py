@@ -167,13 +167,13 @@ def _analyzed(
     """The arrays of an `Analysis`, from the stacks: basis, links, records, offsets, variance."""
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
-    projections = np.empty((count, side * side, DIMS), np.int16)
+    projections = np.zeros((count, side * side, DIMS), np.int16)
     shapes = projections
     if correct and any(map(stacks.levels.turns, range(count))):
         shapes = np.empty_like(projections)
-    sums = np.empty((count, side * side, 3), np.int32)  # of the 25 colors around a texel: exact, half of a mean's bytes
+    sums = np.zeros((count, side * side, 3), np.int32)  # of the 25 colors around a texel: exact, half of a mean's bytes
     for number, plane in enumerate(stacks.planes):
-        for texels in _in_bands(side * side):
+        for texels in () if stacks.levels.starts(number) else _in_bands(side * side):
             lines = slice(texels.start // side, texels.stop // side)
             around = neighborhoods(plane, stacks.levels.spacing(number), stacks.periodic[number], lines)
             projections[number, texels] = project(around, basis)
@@ -247,6 +247,8 @@ def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.
     """(side^2, 2) uint32: the candidates of one level's texels."""
     texels = stacks.planes[0].shape[0] ** 2
     own = number * texels + np.arange(texels, dtype=np.uint32)
+    if stacks.levels.starts(number):
+        return np.stack([own, own], -1)
     usable = stacks.usable[number].ravel()
     first = np.where(usable, own, np.uint32(NONE))
     if stacks.levels.admissible[number][0][0] != number:  # the level itself is not admissible

@@ -14,8 +14,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from ... import __version__
-from ...analysis.regularity.courses import InCourses
-from ...analysis.regularity.offset_prices import InStep
 from ...engine.color.lab import lens_of
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lens import Lens
@@ -33,12 +31,11 @@ from ...engine.session.resources import Resources
 from .candidate_sets import Analysis, analyze
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
+from .plane_quilt import OCTAVES
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
 from .synthesizer import (
     KEPT_IN_LOOPS,
     PENALTY,
-    CourseSteps,
-    LatticeSteps,
     PlaneSettings,
     PlaneState,
     Synthesizer,
@@ -75,13 +72,13 @@ class Plane:
 
     def settings(
         self, *, seed: int | None, lock: bool | int, jitter: tuple[float, ...] | None = None,
-        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | InCourses | None = None,
+        around: tuple[int, int] | None = None, around_level: int = 0,
     ) -> PlaneSettings:  # fmt: skip
         """The settings, with the graph's seed and jitter as defaults.
 
         `jitter`: rho by level; the last holds for all finer levels.
         `lock`: last level without jitter (HRRG08 figure 7; 1 or True: L). `around`: period (width, height) of the plane
-        in px of `around_level`. `in_step`: lattice or courses of the one exemplar in px of its square.
+        in px of `around_level`.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         literal = self.analysis.stacks.levels.literal
@@ -99,7 +96,6 @@ class Plane:
             kept=KEPT_IN_LOOPS if loops else 1.0,
             around=around,
             around_level=around_level,
-            steps=_steps_of(in_step),
             root_level=self.finest if self.rooted else -1,
         )
 
@@ -126,10 +122,10 @@ class Plane:
         return out
 
     def root_lab(self, image: Image, space: Space, resources: Resources) -> np.ndarray:
-        """Values of the root's square in another image of the same size: (side, side, 3) float32."""
+        """Values of the root's pixels in another image of the same size: (height, width, 3) float32."""
         root = self.exemplars[self.graph.root]
         if image is self.root:
-            return root.values[..., :3]
+            return root.values[root.photo][..., :3]
         corner = image.first.window
         place = root.place.shifted(corner.left, corner.top)
         return lens_of(image, resources, space).values(image.first.read(place))[0][..., :3]
@@ -159,18 +155,11 @@ class Plane:
     def _shown(self, number: int) -> np.ndarray:
         """(side, side, channels) of a stack level. Transparent pixels show the nearest opaque one."""
         if number not in self._planes:
-            of, level = self.analysis.stacks.levels.stacks[number]
+            of, level = self.analysis.stacks.levels.shown[number]
             plane = shown_level(self.exemplars[of], level, self.finest)
             opaque = self.exemplars[of].opaque
             self._planes[number] = plane if opaque is None else nearest_opaque(opaque).gather(plane)
         return self._planes[number]
-
-
-def _steps_of(kept: InStep | InCourses | None) -> LatticeSteps | CourseSteps | None:
-    """A structure in the format of `PlaneSettings`."""
-    if kept is None:
-        return None
-    return CourseSteps.of(kept) if isinstance(kept, InCourses) else LatticeSteps.of(kept)
 
 
 def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ...]]:
@@ -182,22 +171,24 @@ def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ..
 def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
-    excluded: np.ndarray | None = None, rooted: bool = False,
+    excluded: np.ndarray | None = None, rooted: bool = False, quilted: bool = False,
 ) -> Plane:  # fmt: skip
     """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth.
 
-    `rooted`: the plane's first cell is the root itself up to its resolution, and the plane continues it.
+    `rooted`: the plane's first cell is the root itself up to its resolution, and the plane continues it. `quilted`: it
+    starts from a `PlaneQuilt`.
     """
     with resources.stats.time("read and color"):
-        exemplars, lens = load_exemplars(images, graph, resources, space, side)
+        exemplars, lens = load_exemplars(images, graph, resources, space, side, quilted)
         if excluded is not None:
             exemplars = tuple(one.without(excluded) for one in exemplars)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
-    key = hash_of(graph, dims, correct, literal, rooted, *looks)
+    first = max(0, finest - OCTAVES) if quilted else 0
+    key = hash_of(graph, dims, correct, literal, rooted, first, *looks)
     analysis = resources.once(
-        key, lambda: _analyzed(resources, progress, graph, exemplars, dims, correct, literal, rooted)
+        key, lambda: _analyzed(resources, progress, graph, exemplars, dims, correct, literal, rooted, first)
     )
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest, rooted)
 
@@ -211,10 +202,10 @@ def analysis_folder() -> Path:
 
 def _analyzed(
     resources: Resources, progress: Progress, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool,
-    literal: bool, rooted: bool,
+    literal: bool, rooted: bool, first: int,
 ) -> Analysis:  # fmt: skip
     with resources.stats.time("Gaussian stacks"):
-        stacks = stacks_of(graph, exemplars, literal, rooted)
+        stacks = stacks_of(graph, exemplars, literal, rooted, first)
     resources.cache.forget()  # everything has been read
     analysis = analyze(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
     resources.cache.forget()

@@ -56,7 +56,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         le=1,
         example="0,1,1,0.6",
         unset="that of the graph, else 1 on coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on"
-        " all levels of an endless zoom and with paper",
+        " all levels of an endless zoom and with paper; none for a texture from one photo, which starts from patches",
         help="Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all further"
         " levels. Reduce it where structures break, increase it where the exemplar repeats.",
         advanced=True,
@@ -112,6 +112,11 @@ class Multiscale(InLab, Reported, AnyWindow):
         return False
 
     @property
+    def quilted(self) -> bool:
+        """Whether the plane of a single exemplar starts from patches of it."""
+        return False
+
+    @property
     def source(self) -> str:
         """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
@@ -124,7 +129,7 @@ class Multiscale(InLab, Reported, AnyWindow):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
-        side, root = common_side(images, graph, facts, self.most_side), images[graph.root]
+        side, root = common_side(images, graph, facts, self.most_side, self.quilted), images[graph.root]
         color_to_convert(root, facts, self.working_space)
         for other in images:
             require_channels(other, root)
@@ -150,6 +155,7 @@ class Multiscale(InLab, Reported, AnyWindow):
             "correct": self.matchcolor,
             "literal": self.paper,
             "rooted": self.rooted,
+            "quilted": self.quilted,
         }
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
@@ -198,11 +204,11 @@ def with_report(
 ) -> dict[str, Any]:  # fmt: skip
     """The op's results with its image's measures.
 
-    `source`: the root's pixels in a window, if all are copies. `original` (side, side, 3): Lab of the root before
+    `source`: the root's pixels in a window, if all are copies. `original` (height, width, 3): Lab of the root before
     flattening.
     """
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
-    sizes = (root.side, root.side), main.window.size
+    sizes = root.place.size, main.window.size
     measured = replace(quality, sizes=sizes, copies=source is not None)
     rows, place, (height, width) = rows_of(main), main.window, main.window.size[::-1]
 
@@ -216,7 +222,7 @@ def with_report(
                 Window(place.left, place.top + first, place.right, place.top + last)
             ).packed)  # fmt: skip
             copies = SourceMap.of_rows(measured.kept(packed))
-        own = root.values[..., :3]
+        own = root.values[root.photo][..., :3]
         return own if original is None else original, [Look(main.name, measured.kept(lab), copies, own)]
 
     return measured.add_to(results, seen)

@@ -10,6 +10,7 @@ and Lefebvre & Hoppe 2005 do not specify how the two are distinguished (here: by
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -44,7 +45,8 @@ class Exemplar:
     pixels: np.ndarray  # (side, side, channels), in the root's color space and pixel type
     values: np.ndarray  # (side, side, 4) float32: Lab, or data scaled to 0 .. 100, as from `Lens.values`
     opaque: np.ndarray | None  # (side, side) bool: where alpha is not 0; None: everywhere
-    place: Window  # in the image's data window, from its corner, in pixels of the resampled image
+    place: Window  # in the image's data window, from its corner, in pixels of the resampled image; what is less than
+    # the square is at its top left, and mirrored to fill it
     factor: float  # resampling factor of the image
     periodic: bool = True  # a torus; otherwise it is mirrored at its borders
 
@@ -53,24 +55,35 @@ class Exemplar:
         """Pixels along x and along y."""
         return self.pixels.shape[0]
 
+    @property
+    def photo(self) -> tuple[slice, slice]:
+        """Rows and columns of the square that are its image's own."""
+        return slice(self.place.height), slice(self.place.width)
+
     def without(self, excluded: np.ndarray) -> Exemplar:
         """The exemplar without pixels of its image, (height, width) bool, unless nothing would be left."""
         place = self.place
-        left = ~excluded[place.top : place.bottom, place.left : place.right]
+        left = ~filled(excluded[place.top : place.bottom, place.left : place.right], self.side)
         opaque = left if self.opaque is None else left & self.opaque
         return replace(self, opaque=opaque) if opaque.any() and not opaque.all() else self
 
 
+def filled(pixels: np.ndarray, side: int) -> np.ndarray:
+    """Pixels (height, width, ...) mirrored to the right and below, to fill a square."""
+    more = [(0, side - n) for n in pixels.shape[:2]]
+    return np.pad(pixels, [*more, *[(0, 0)] * (pixels.ndim - 2)], "symmetric") if any(map(any, more)) else pixels
+
+
 def load_exemplars(
-    images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int
+    images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int, whole: bool = False
 ) -> tuple[tuple[Exemplar, ...], Lens]:
-    """All exemplars, of the same size, at most `most` px, in the root's color space, and the root's `Lens`.
+    """All exemplars, of the same size, in the root's color space, and the root's `Lens`. Others: `common_side`.
 
     They are cropped around their centers, not resampled: pixels keep their size, so scale ratios hold and
     detail stays sharp.
     """
     factors, root = graph.factors, graph.root
-    side = common_side(images, graph, resources, most)
+    side = common_side(images, graph, resources, most, whole)
     lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
@@ -79,8 +92,11 @@ def load_exemplars(
     return tuple(exemplars), lens
 
 
-def common_side(images: Sequence[Image], graph: Graph, facts: Facts, most: int) -> int:
-    """The side of all exemplars, px, at most `most`; refuses what exceeds the memory budget."""
+def common_side(images: Sequence[Image], graph: Graph, facts: Facts, most: int, whole: bool = False) -> int:
+    """The side of all exemplars, px, at most `most`; refuses what exceeds the memory budget.
+
+    `whole`: of a single image, a square that holds less than half of it is doubled, and filled.
+    """
     factors = graph.factors
     shortest = min(
         min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
@@ -89,6 +105,8 @@ def common_side(images: Sequence[Image], graph: Graph, facts: Facts, most: int) 
         small = next(i for i, f in zip(images, factors, strict=True) if min(_scaled_size(i, f)) == shortest)
         raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
     side = 1 << (min(shortest, most).bit_length() - 1)
+    if whole and 2 * side**2 < math.prod(_scaled_size(images[0], factors[0])):
+        side = min(2 * side, 1 << (most.bit_length() - 1))
     need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
     facts.require(need, "analyzing exemplars", "reduce exemplarside")
     return side
@@ -124,7 +142,8 @@ def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space:
 def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
     part = image.first
     width, height = _scaled_size(image, factor)
-    place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
+    own_width, own_height = min(side, width), min(side, height)
+    place = Window.sized((width - own_width) // 2, (height - own_height) // 2, own_width, own_height)
     found = (own.broken(part.read(band)) for band in bands(part))  # also outside the square
     broken = sum(found, np.zeros(2, np.int64))
     if broken.any():
@@ -135,6 +154,10 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
         inside = place.inside(Window(0, 0, width, height))
         pixels = in_type(resized(as_float(part.pixels()), width, height)[inside], np.dtype(dtype_of(part.spec)))
     values, opaque = own.values(pixels)
+    if place.size != (side, side):
+        left = np.ones(pixels.shape[:2], bool) if opaque is None else opaque
+        opaque = np.pad(left, [(0, side - n) for n in left.shape])
+        pixels, values = filled(pixels, side), filled(values, side)
     if opaque is not None and opaque.all():
         opaque = None
     if opaque is not None and not opaque.any():
@@ -146,7 +169,7 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
         pixels = in_type(as_float(pixels), kind)
     values = np.ascontiguousarray(values, np.float32)
     seen = values if opaque is None else np.where(opaque[..., None], values, values[opaque].mean(0))
-    periodic = wrap == "periodic" if wrap else tiles(seen)
+    periodic = wrap == "periodic" if wrap else place.size == (side, side) and tiles(seen)
     return Exemplar(image.source, pixels, values, opaque, place, factor, periodic)
 
 

@@ -26,7 +26,7 @@ class Levels:
     finest : int
         L, the index of each exemplar's finest level.
     stacks : tuple of (exemplar, level)
-        Index 0 is the root's coarsest.
+        Index 0 is the root's coarsest that is refined.
     admissible : tuple of tuples of (number, octaves)
         A(E): levels that may replace each, and how much finer they are in octaves of their exemplar. Itself first.
     finer : tuple of int
@@ -54,6 +54,16 @@ class Levels:
         """h = 2^(L - k), px: spacing of a level's texels in a neighborhood."""
         return 1 << (self.finest - self.stacks[number][1])
 
+    @property
+    def shown(self) -> tuple[tuple[int, int], ...]:
+        """The stack levels, then the root's coarser ones, which are only shown."""
+        root, first = self.stacks[0]
+        return (*self.stacks, *((root, level) for level in range(first)))
+
+    def starts(self, number: int) -> bool:
+        """Whether planes start on a level, so that its texels are never corrected."""
+        return number == 0 and self.stacks[0][1] > 0
+
     def turns(self, number: int) -> bool:
         """Whether a level leads only to coarser ones of the same exemplar: a zoom's next turn."""
         exemplar = self.stacks[number][0]
@@ -61,9 +71,9 @@ class Levels:
 
 
 def unrolled(
-    graph: Graph, finest: int, early: Collection[int] = (), literal: bool = False, rooted: bool = False
+    graph: Graph, finest: int, early: Collection[int] = (), literal: bool = False, rooted: bool = False, first: int = 0
 ) -> Levels:
-    """All levels reached from the root's coarsest by refining (red edges) and replacing (black edges).
+    """All levels reached from the root's `first` by refining (red edges) and replacing (black edges).
 
     Parameters
     ----------
@@ -75,11 +85,13 @@ def unrolled(
         Without the departures described here: the finest level of every exemplar leads nowhere.
     rooted : bool
         The plane contains the root itself: up to L, its levels only lead to each other.
+    first : int
+        The root's coarsest level that is refined.
     """
     graph = graph if literal else with_long_turns(graph, finest)
     left_out = (1,) * len(graph.names) if literal else _left_out(graph, early)
-    first, last = (graph.root, 0), [finest - n for n in left_out]
-    order = {at: n for n, at in enumerate([first, (graph.root, finest)][: 1 + rooted])}
+    last = [finest - n for n in left_out]
+    order = {at: n for n, at in enumerate([(graph.root, first), (graph.root, finest)][: 1 + rooted])}
     waiting = list(order)
     onward: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     refined: dict[tuple[int, int], tuple[int, int]] = {}

@@ -16,8 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from ...analysis.regularity.courses import InCourses
-from ...analysis.regularity.offset_prices import InStep
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np
@@ -25,6 +23,7 @@ from ...engine.errors import OutOfDeviceMemory, ParameterError, present
 from ...engine.opencl.buffers import Buffers, in_smaller_pieces
 from ...engine.opencl.device import Device, Download
 from .candidate_sets import DIMS, Analysis, texels_at_once
+from .plane_quilt import PlaneQuilt
 from .superexemplar import FIRST_CORRECTED
 
 log = logging.getLogger("oiiotex")
@@ -71,69 +70,16 @@ def parents(window: Window) -> Window:
     return Window((window.left - 1) >> 1, (window.top - 1) >> 1, (window.right >> 1) + 1, (window.bottom >> 1) + 1)
 
 
-def plan(window: Window, level: int, passes: int) -> tuple[LevelPlan, ...]:
-    """The pixels of each level, from 0, that a window of `level` needs."""
+def plan(window: Window, level: int, passes: int, first: int = 0) -> tuple[LevelPlan, ...]:
+    """The pixels of each level, from `first`, that a window of `level` needs."""
     plans = []
-    for at in range(level, -1, -1):
+    for at in range(level, first - 1, -1):
         windows = [window]
-        for parity in reversed(schedule(passes) if at >= FIRST_CORRECTED else ()):
+        for parity in reversed(schedule(passes) if at >= max(FIRST_CORRECTED, first + 1) else ()):
             windows.append(looked_at(windows[-1], parity))
         plans.append(LevelPlan(at, tuple(reversed(windows))))
         window = parents(windows[-1])
     return tuple(reversed(plans))
-
-
-class LatticeSteps(NamedTuple):
-    """Data for keeping texels in phase with the lattice of the one exemplar: integers, the same on all devices.
-
-    Not in HRRG08. Jitter and candidates move pixels of a level to places that look the same on that level, and coarse
-    levels contain nothing of a lattice that is finer than they are.
-    """
-
-    phases: tuple[int, ...]  # as `offset_prices.Prices.phases`, on level L
-    moves: tuple[int, ...]  # motion of a texel for a whole cycle of phase u, x and y, and of v; 1/256 px
-    vectors: tuple[int, ...]  # of the lattice, likewise
-
-    @classmethod
-    def of(cls, kept: InStep) -> LatticeSteps:
-        """`structure` from 0.5 moves texels all the way, below it proportionally."""
-        vectors = kept.steps()
-        moves = np.rint(min(1.0, 2 * kept.structure) * vectors).astype(int)
-        return cls(*(tuple(a.ravel().tolist()) for a in (kept.phases(), moves, vectors)))
-
-    def phases_at(self, spacing: int) -> np.ndarray:
-        """Phases on a coarser level with pixels of that width, at pixel centers: (10,) uint32.
-
-        Multiples of those on level L, so that all levels agree on any place, however far away.
-        """
-        own, there, corner = np.split(np.array(self.phases, np.int64), [4, 8])
-        corner = corner - there.reshape(2, 2).sum(1) * (spacing - 1) // 2
-        return (np.concatenate([own, there * spacing, corner]) & 0xFFFFFFFF).astype(np.uint32)
-
-
-class CourseSteps(NamedTuple):
-    """The same for the courses of the one exemplar, which the plane repeats in their order."""
-
-    phases: tuple[int, ...]  # cl/multiscale.cl, in_courses, without the pixel's width
-    moves: tuple[int, ...]  # as of `LatticeSteps`, along one axis
-    rows: tuple[int, ...]  # phases of the exemplar's rows (or columns), then of a period's, in cycles / 2^32
-
-    @classmethod
-    def of(cls, kept: InCourses) -> CourseSteps:
-        """From courses of the exemplar and of a period."""
-        own, wanted = kept.rows()
-        moves = np.rint(min(1.0, 2 * kept.structure) * kept.steps()).astype(int).ravel().tolist()
-        starts = int(kept.courses.rows), 0, len(own), len(wanted)
-        return cls(starts, tuple(moves), tuple(np.concatenate([own, wanted]).tolist()))
-
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """None: a texel that would leave the exemplar stays at its border."""
-        return (0,) * 4
-
-    def phases_at(self, spacing: int) -> np.ndarray:
-        """(5,) uint32 on a level with pixels of that width."""
-        return np.array([*self.phases, spacing], np.uint32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,12 +93,16 @@ class PlaneSettings:
     kept: float = 1.0  # share of the parents' transfer function that a pixel inherits
     around: tuple[int, int] | None = None  # period of the plane, width and height on `around_level`
     around_level: int = 0
-    steps: LatticeSteps | CourseSteps | None = None  # of the one exemplar, if the plane keeps its structure
+    quilt: PlaneQuilt | None = None  # where the plane starts, instead of from one texel
     root_level: int = -1  # last level on which the plane's first cell is the root itself: L, or -1 for none
 
     def rho(self, level: int) -> int:
         """Jitter of a level in 1/256."""
         return round(256 * self.jitter[min(level, len(self.jitter) - 1)])
+
+    def plan(self, window: Window, level: int) -> tuple[LevelPlan, ...]:
+        """The pixels of each level, from the plane's start, that a window of `level` needs."""
+        return plan(window, level, self.passes, 0 if self.quilt is None else min(level, self.quilt.level))
 
     def period(self, level: int) -> tuple[int, int]:
         """Period of a level along x and y, px. 0: none."""
@@ -232,13 +182,11 @@ class Synthesizer:
         }
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
         self._tables = Buffers(device, {}, budget, "analyzing exemplars", tables=tables)
+        self._shown = levels.shown
         middle = 1 << self._side - 1
         self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())
         self._free: list[tuple[int, Buffers]] = []  # of finished windows, by number of pixels
-        self._stepped: dict[int, tuple[int, Any, Any]] = {}
-        steps = settings.steps
-        self._rows = device.upload(np.array(steps.rows if isinstance(steps, CourseSteps) else (0,), np.uint32))
         self._turn = threading.RLock()
 
     def keeping(self, kept: float) -> Synthesizer:
@@ -264,7 +212,7 @@ class Synthesizer:
             raise ParameterError(parameter="lod", value=level, expected=f"an integer from 0 to {MOST_LEVEL}")
         with self._turn:
             try:
-                begun = self._begun(plan(window, level, self._settings.passes), window)
+                begun = self._begun(self._settings.plan(window, level), window)
             except OutOfDeviceMemory as error:
                 return functools.partial(self._in_pieces, level, window, error)
 
@@ -287,7 +235,7 @@ class Synthesizer:
             texel = np.empty((window.height, window.width), np.uint32)
             offset = np.empty((window.height, window.width, 4), np.int16) if self._moves else None
             for cell in window.cells(side, side):
-                one = self._begun(plan(cell, level, self._settings.passes), cell).state()
+                one = self._begun(self._settings.plan(cell, level), cell).state()
                 at = cell.inside(window)
                 texel[at] = one.texel
                 if offset is not None:
@@ -302,8 +250,11 @@ class Synthesizer:
         most = max(entry.windows[0].width * entry.windows[0].height for entry in levels)
         buffers = self._buffers(most, f"a window of {window.width}x{window.height} pixels")
         device, at = self._device, levels[0].windows[0]
-        # Departure: S_0 is the root's coarsest texel everywhere; its level contains only a mean
-        device.fill(buffers["texel"], self._first, at.width * at.height)
+        if self._settings.quilt is None:
+            # Departure: S_0 is the root's coarsest texel everywhere; its level contains only a mean
+            device.fill(buffers["texel"], self._first, at.width * at.height)
+        else:
+            device.write(buffers["texel"], self._settings.quilt.texels(levels[0].level, at, self._side, self._shown))
         device.fill(buffers["r"], np.int16(0), 4 * at.width * at.height)
         settings, shown = self._settings, levels[-1].level
         leads = settings.root_level if shown > settings.root_level else None  # where the root itself is left
@@ -343,19 +294,8 @@ class Synthesizer:
             self._side, before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top,
             window.width, window.height, np.int64(window.left), np.int64(window.top), np.int64(period[0]),
             np.int64(period[1]), np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level),
-            round(256 * settings.kept), *self._steps(entry.level), self._rows,
-            *settings.root_cell(entry.level, window),
+            round(256 * settings.kept), *settings.root_cell(entry.level, window),
         )  # fmt: skip
-
-    def _steps(self, level: int) -> tuple[int, Any, Any]:
-        """How a level is kept in phase, and the kernel arguments for cl/multiscale.cl, in_step."""
-        if level not in self._stepped:
-            steps = self._settings.steps if level <= self._side else None
-            phases = np.zeros(10, np.uint32) if steps is None else steps.phases_at(1 << (self._side - level))
-            moves = np.zeros(8, np.int32) if steps is None else np.array((*steps.moves, *steps.vectors), np.int32)
-            regular = 0 if steps is None else 1 + isinstance(steps, CourseSteps)
-            self._stepped[level] = regular, self._device.upload(phases), self._device.upload(moves)
-        return self._stepped[level]
 
     def _correct(
         self, buffers: Buffers, whole: Window, after: Window, parity: tuple[int, int], own: Window

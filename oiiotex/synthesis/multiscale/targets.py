@@ -15,11 +15,13 @@ _EARLIER = 0.98  # of the gain: factor that justifies an early turn
 _DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 
 
-def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False, rooted: bool = False) -> Stacks:
-    """The stack levels that synthesis can reach, and which of their texels may be candidates. `rooted`: `unrolled`."""
+def stacks_of(
+    graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False, rooted: bool = False, first: int = 0
+) -> Stacks:
+    """The stack levels that synthesis can reach, and which of their texels may be candidates. Others: `unrolled`."""
     root = exemplars[graph.root]
     finest = root.side.bit_length() - 1
-    levels = unrolled(graph, finest, () if literal else _left_early(graph, exemplars, finest), literal, rooted)
+    levels = unrolled(graph, finest, () if literal else _left_early(graph, exemplars, finest), literal, rooted, first)
     seen = root.values if root.opaque is None else root.values[root.opaque]
     middle = seen[..., :3].reshape(-1, 3).mean(0, dtype=np.float64)
     planes = np.empty((len(levels.stacks), root.side, root.side, 4), np.int16)
