@@ -90,7 +90,8 @@ def _synthesized(
         flat, drift = _flattened(plan, resources, flattening)
     flattening.advance(1, 1)
     with resources.stats.time("read and color"):
-        maps = [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()]
+        own = [] if flat is op else [flat.exemplar.first]  # in any order already
+        maps = own + [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
         weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
     pixels = flat.read(resources, None if weight is None else weight > 0)
     reading.advance(1, 1)
@@ -132,7 +133,8 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     if not strength:
         return op, {} if strength is None else {"drift": correction_part(None, part)}
     allowed = op._allowed()
-    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed)
+    kept = functools.partial(_in_any_order, in_memory=plan.in_memory)
+    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed, kept)
     mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
     changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
     return replace(op, **changed), {"drift": drift}
