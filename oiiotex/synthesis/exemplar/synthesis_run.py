@@ -24,7 +24,7 @@ from ...engine.errors import present, whole_budget
 from ..layout.kept_layout import kept_layout
 from ..layout.limits import fits_layout
 from ..layout.mending import mended
-from ..patchmatch.constraints import Constraints, FixedPixels
+from ..patchmatch.constraints import Constraints, FixedPixels, Octaves
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
@@ -119,7 +119,7 @@ def _synthesized(
     quality = _measures_of(plan.quality, lattice, recipe).during(resources, measuring)
     run = SynthesisRun(
         plan, flat, maps, pixels, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
-        resources, making, judging,
+        resources, making, judging, Octaves(pixels.values, pixels.usable),
     )  # fmt: skip
     first, *others = run.variants() if op.variants > 1 else run.one()
     first = beside_drift(first, drift)
@@ -195,6 +195,7 @@ class SynthesisRun:
     _resources: Resources
     _progress: Progress
     _judging: Progress
+    _octaves: Octaves  # of the photo, for all syntheses from it
 
     @property
     def _op(self) -> PatchSynthesis:
@@ -219,7 +220,7 @@ class SynthesisRun:
         synthesis = synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
             (progress or self._progress).advance, pixels.why, constraints,
-            resources.keeper if op.resume else None, look=all_looks if looks else None,
+            resources.keeper if op.resume else None, look=all_looks if looks else None, octaves=self._octaves,
         )  # fmt: skip
         if synthesis.lost is not None:
             say_what_was_lost(op.flag(), synthesis.lost)
