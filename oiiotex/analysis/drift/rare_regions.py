@@ -61,7 +61,8 @@ def _distances(samples: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """
     patches = samples[seen]
     others = patches[:: max(1, len(patches) // _COMPARED)]
-    nearest, squares, columns = int(_COMMON * len(others)), (others * others).sum(1), np.ascontiguousarray(-2 * others.T)
+    nearest, squares = int(_COMMON * len(others)), (others * others).sum(1)
+    columns = np.ascontiguousarray(-2.0 * others.T)
     noise = NOISE * _STEPS * patches.shape[1] ** 0.5
     distances, nearby = np.full(seen.shape, noise), np.empty(len(patches))
     for first in range(0, len(patches), _AT_ONCE):

@@ -189,7 +189,9 @@ def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray 
 class Octaves:
     """An image at its own size, and on request at 1/2, 1/4 ... of it: coarse levels need not read all pixels.
 
-    Small levels are kept for the next synthesis from it. `image` (height, width, channels) float32; `mask` (height, width) bool, pixels that count, or None: all.
+    Small levels are kept for the next synthesis from it.
+
+    `image` (height, width, channels) float32; `mask` (height, width) bool, pixels that count, or None: all.
     """
 
     def __init__(self, image: SomeRows, mask: np.ndarray | None):

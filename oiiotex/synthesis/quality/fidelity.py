@@ -210,9 +210,7 @@ class JudgedPhoto:
             after = high_passed(lab, everywhere, wraps, longer)
             energies = [_energy(after, everywhere, longer / k, wraps) for k in SCALES]
             of_result = autocorrelation(after, everywhere)
-        bands = tuple(
-            max(energy, _INVISIBLE) / own for energy, own in zip(energies, self._energies, strict=True)
-        )
+        bands = tuple(max(energy, _INVISIBLE) / own for energy, own in zip(energies, self._energies, strict=True))
         shapes, lines = _compared(self._autocorrelation, of_result, longer)
         shown = self._colors
         missing = _missing(shown[seen], lab[everywhere])
