@@ -152,11 +152,11 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
     def at_offsets(spectrum: np.ndarray) -> np.ndarray:
         return np.fft.irfft(np.fft.ifft(spectrum, axis=0)[down], shape[1], axis=1)[:, right]
 
-    power = 0.0
+    mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
+    power = np.zeros(mask.shape)
     for c in range(values.shape[2]):
         spectrum = transformed(values[..., c])
         power = power + spectrum.real**2 + spectrum.imag**2
-    mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
     products = at_offsets(power)
     first = at_offsets(energy * np.conj(mask))  # energy of the first of two overlapping images
     second = np.flip(first)  # and of the second
