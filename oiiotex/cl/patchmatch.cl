@@ -204,7 +204,7 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
   for (int k = 0; k < 4; k++) {
     uint at = offers[k] = offered(field, x, y, k, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows);
     if (at == NOTHING || at == best.at || !IN_PIECE(corner_y(at))) continue;
-    int known = 0;   // in a coherent field most neighbors offer the same, which is no better the second time
+    int known = 0;   // most neighbors in a coherent field offer the same candidate
     for (int j = 0; j < k; j++) known |= offers[j] == at;
     if (known) continue;
     int ex = corner_x(at), ey = corner_y(at);
