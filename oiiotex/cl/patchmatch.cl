@@ -200,9 +200,13 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
     for (rank = 0; offered(field, x, y, rank, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows) != best.at;) rank++;
   }
 #endif
+  uint offers[4];
   for (int k = 0; k < 4; k++) {
-    uint at = offered(field, x, y, k, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows);
-    if (at == NOTHING || !IN_PIECE(corner_y(at))) continue;
+    uint at = offers[k] = offered(field, x, y, k, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows);
+    if (at == NOTHING || at == best.at || !IN_PIECE(corner_y(at))) continue;
+    int known = 0;   // most neighbors in a coherent field offer the same candidate
+    for (int j = 0; j < k; j++) known |= offers[j] == at;
+    if (known) continue;
     int ex = corner_x(at), ey = corner_y(at);
     match better = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, PIECES && k < rank);
 #if PIECES

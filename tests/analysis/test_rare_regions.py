@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
+from oiiotex.analysis.drift.correction import Correction
 from oiiotex.analysis.drift.rare_regions import rare_regions
 from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
 from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -80,6 +82,18 @@ def test_a_tile_does_not_repeat_it_unless_a_mask_allows_it(caplog):
     assert "of the photo stands out and is not copied" in caplog.text
     assert shown(picture, mask=buffer(np.ones((SIDE, SIDE, 1)), names=("Y",), space="data")) > 0
     assert shown(picture, flattening=0.5) > 0
+
+
+def test_a_tile_corrects_its_photo_once(monkeypatch):
+    rows, apply = [], Correction.apply
+
+    def counted(self: Correction, values: np.ndarray, window: Window) -> None:
+        rows.append(window.height)
+        apply(self, values, window)
+
+    monkeypatch.setattr(Correction, "apply", counted)
+    pixels(filters.stationarize(buffer(pictures.moss(SIDE, SIDE, 3)), sigma=24.0))
+    assert sum(rows) == SIDE
 
 
 def test_transparent_pixels_do_not_stand_out():

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.source_map import SourceMap
-from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, fidelity
+from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, SCALES, fidelity
 from oiiotex.synthesis.quality.repetition import salience, slow_waves, texture_waves
 from oiiotex.synthesis.quality.wholeness import cuts, turning, unexplained
 from tests import pictures
@@ -49,6 +49,19 @@ def test_a_copy_in_one_piece_is_whole_and_one_in_blocks_is_not():
     assert unexplained(photo, in_place(), PLANE) == 0
     shares = [unexplained(photo, shuffled(block), TORUS) for block in (48, 24, 12)]
     assert 0.05 < shares[0] < shares[1] < shares[2]
+
+
+@pytest.mark.parametrize("width", [SIDE, SIDE - 1])
+def test_bands_of_a_torus_are_those_of_its_blurs(width):
+    photo = rings()
+    tile = photo[:, :width].astype(np.float64)
+    wraps = {"mode": "wrap", "truncate": 3.0, "axes": (0, 1)}
+    detail = tile - gaussian_filter(tile, SIDE / 12, **wraps)
+    energies = [np.sqrt((gaussian_filter(detail, SIDE / k, **wraps) ** 2).sum(-1).mean()) for k in SCALES]
+    ratios = np.divide(fidelity(photo, None, tile, TORUS).bands, fidelity(photo, None, photo, TORUS).bands)
+    own = photo - gaussian_filter(photo.astype(np.float64), SIDE / 12, **wraps)
+    typical = [np.sqrt((gaussian_filter(own, SIDE / k, **wraps) ** 2).sum(-1).mean()) for k in SCALES]
+    np.testing.assert_allclose(ratios, np.divide(energies, typical), rtol=0.01)
 
 
 def test_a_cut_that_no_one_sees_is_none():

@@ -142,6 +142,16 @@ def test_coarse_levels_are_means_of_allowed_pixels_alone():
     np.testing.assert_allclose(coarse[coarse_mask(mask, 71, 59)], 40, rtol=1e-5)
 
 
+@pytest.mark.parametrize("mask", [None, stripes(20)])
+def test_a_level_is_the_same_for_the_next_synthesis(mask):
+    values = np.random.default_rng(1).uniform(0, 99, (160, 192, 3)).astype(np.float32)
+    shared, sizes = Octaves(values, mask), [(20, 17), (40, 33), (71, 59), (192, 160)]
+    for width, height in (*sizes, *sizes[::-1]):
+        alone = Octaves(values, mask).halve(width, height, True).reduced(width, height)
+        again = shared.halve(width, height, True).reduced(width, height, slice(3, 15))
+        np.testing.assert_array_equal(again, alone[3:15])
+
+
 @pytest.mark.parametrize(
     ("mask", "alpha", "said"),
     [

@@ -22,7 +22,7 @@ _LIKEWISE = 0.7  # of that region's: others of its kind
 _END = 1.5  # of the median: where a region ends
 _LONG, _THIN = 0.3, 4  # of the longer side, and times as long as wide: more are joints and cracks
 _MOST, _LARGEST = 7, 0.12  # more regions, or a larger share of the photo, are the texture itself
-_AT_ONCE = 512  # patches
+_AT_ONCE = 64  # patches, whose distances fit the cache of a core
 
 
 def rare_regions(photo: Image, lens: Lens, resources: Resources) -> np.ndarray | None:
@@ -62,12 +62,15 @@ def _distances(samples: np.ndarray, seen: np.ndarray) -> np.ndarray:
     patches = samples[seen]
     others = patches[:: max(1, len(patches) // _COMPARED)]
     nearest, squares = int(_COMMON * len(others)), (others * others).sum(1)
+    columns = np.ascontiguousarray(-2.0 * others.T)
     noise = NOISE * _STEPS * patches.shape[1] ** 0.5
     distances, nearby = np.full(seen.shape, noise), np.empty(len(patches))
     for first in range(0, len(patches), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        products = np.einsum("ik,jk->ij", patches[some], others)  # not BLAS, whose waiting threads cost as much again
-        nearby[some] = np.partition(squares - 2.0 * products, nearest, 1)[:, nearest]
+        apart = np.einsum("ik,kj->ij", patches[some], columns)  # not BLAS, whose waiting threads cost as much again
+        apart += squares
+        apart.partition(nearest, 1)
+        nearby[some] = apart[:, nearest]
     distances[seen] = np.sqrt(np.maximum(noise**2, nearby + (patches * patches).sum(1)))
     return distances
 

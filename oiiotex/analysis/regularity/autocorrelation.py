@@ -32,11 +32,20 @@ def blurred(planes: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False,
     for axis, around in enumerate(wraps):
         n = planes.shape[axis]
         length = n if around else _fast_length(n + len(taps))
-        own = np.bincount((np.arange(len(taps)) - radius) % n, taps, n) if around else taps
-        kernel = np.expand_dims(np.fft.rfft(own, length), (1 - axis, 2))
+        kernel = np.expand_dims(np.fft.rfft(_around_torus(taps, n) if around else taps, length), (1 - axis, 2))
         wide = np.fft.irfft(np.fft.rfft(planes, length, axis=axis) * kernel, length, axis=axis)
         planes = wide if around else np.take(wide, np.arange(radius, radius + n), axis=axis)
     return planes
+
+
+def _around_torus(taps: np.ndarray, n: int) -> np.ndarray:
+    """Centered taps added up on a torus of n pixels, with the center at 0."""
+    return np.bincount((np.arange(len(taps)) - len(taps) // 2) % n, taps, n)
+
+
+def wrapped_response(sigma: float, n: int) -> np.ndarray:
+    """By what `blurred` scales each of the n waves of a torus along an axis, (n,) float64."""
+    return np.fft.fft(_around_torus(gaussian_taps(sigma, 3.0), n)).real
 
 
 def high_passed(
@@ -135,23 +144,27 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
     shape = _fast_length(2 * height), _fast_length(2 * width)
 
     def transformed(plane: np.ndarray) -> np.ndarray:
-        return np.fft.rfft2(plane, shape)
+        return np.fft.fft(np.fft.rfft(plane, shape[1], axis=1), shape[0], axis=0)  # no row of zeros, as rfft2 would
 
-    power = 0.0
+    reach_y, reach_x = height * 3 // 4, width * 3 // 4
+    down, right = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
+
+    def at_offsets(spectrum: np.ndarray) -> np.ndarray:
+        return np.fft.irfft(np.fft.ifft(spectrum, axis=0)[down], shape[1], axis=1)[:, right]
+
+    mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
+    power = np.zeros(mask.shape)
     for c in range(values.shape[2]):
         spectrum = transformed(values[..., c])
         power = power + spectrum.real**2 + spectrum.imag**2
-    mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
-    products = np.fft.irfft2(power, shape)
-    first = np.fft.irfft2(energy * np.conj(mask), shape)  # energy of the first of two overlapping images
-    second = np.roll(np.flip(first), 1, (0, 1))  # and of the second
-    overlap = np.fft.irfft2(mask.real**2 + mask.imag**2, shape)
-    reach_y, reach_x = height * 3 // 4, width * 3 // 4
-    at = np.ix_(np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1))
-    enough = overlap[at] >= LEAST * usable.sum()
+    products = at_offsets(power)
+    first = at_offsets(energy * np.conj(mask))  # energy of the first of two overlapping images
+    second = np.flip(first)  # and of the second
+    overlap = at_offsets(mask.real**2 + mask.imag**2)
+    enough = overlap >= LEAST * usable.sum()
     least = 1e-9 * max(1e-30, float((values * values).sum()))
-    ncc = products[at] / np.sqrt(np.maximum(first[at] * second[at], least**2))
-    return Autocorrelation(np.where(enough, ncc, 0.0), np.where(enough, overlap[at], 0.0))
+    ncc = products / np.sqrt(np.maximum(first * second, least**2))
+    return Autocorrelation(np.where(enough, ncc, 0.0), np.where(enough, overlap, 0.0))
 
 
 def wrapped_autocorrelation(values: np.ndarray, longer: int = 0) -> Autocorrelation:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...analysis.drift.flattening import Flattening
@@ -20,28 +21,32 @@ from ...engine.session.resources import Resources
 
 
 def flat_photo(
-    op: Op, photo: Image, strength: float, resources: Resources, progress: Progress, allowed: np.ndarray | None
-) -> tuple[Image, Part, np.ndarray | None]:
+    op: Op, photo: Image, strength: float, resources: Resources, progress: Progress, allowed: np.ndarray | None,
+    kept: Callable[[Part], Part] = lambda part: part,
+) -> tuple[Image, Part, np.ndarray | None]:  # fmt: skip
     """The flattened photo, the correction, and what is not copied, (height, width) bool; None: everything is.
 
     Stains are not copied, as they cannot be corrected. Nor is what looks like nothing else, as it would be seen in
-    every tile, unless a mask or label says what to copy (`allowed`).
+    every tile, unless a mask or label says what to copy (`allowed`). `kept`: keeps the pixels of the flattened photo,
+    which is corrected at each reading otherwise.
     """
-    part = photo.first
+    part, hashed = photo.first, None if allowed is None else hash_of(allowed)
 
     def make() -> tuple[Part, Part, np.ndarray | None]:
         how = Flattening(amount=strength)
-        flat, drift, stained = how.of(op.flag(), photo, op.working_space, resources, progress, allowed)
+        return how.of(op.flag(), photo, op.working_space, resources, progress, allowed)
+
+    flat, drift, stained = resources.remembered(("flattened", id(part), strength, hashed), make, part)
+    flat = kept(flat)
+
+    def find() -> np.ndarray | None:
         lens = lens_of(photo, resources, op.working_space)
-        if strength < 1:
-            return flat, drift, None
         is_searched = allowed is None and lens.space is not None
         rare = rare_regions(Image((flat,), photo.source), lens, resources) if is_searched else None
         found = [regions for regions in (stained, rare) if regions is not None]
-        return flat, drift, np.logical_or.reduce(found) if found else None
+        return np.logical_or.reduce(found) if found else None
 
-    hashed = None if allowed is None else hash_of(allowed)
-    flat, drift, excluded = resources.remembered(("flattened", id(part), strength, hashed), make, part)
+    excluded = resources.remembered(("excluded", id(part), hashed), find, part) if strength == 1 else None
     if excluded is not None:
         keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
         op.inform("%.0f %% of the photo stands out and is not copied; %s", 100 * excluded.mean(), keep)

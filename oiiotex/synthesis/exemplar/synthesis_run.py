@@ -24,7 +24,7 @@ from ...engine.errors import present, whole_budget
 from ..layout.kept_layout import kept_layout
 from ..layout.limits import fits_layout
 from ..layout.mending import mended
-from ..patchmatch.constraints import Constraints, FixedPixels
+from ..patchmatch.constraints import Constraints, FixedPixels, Octaves
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
@@ -90,7 +90,8 @@ def _synthesized(
         flat, drift = _flattened(plan, resources, flattening)
     flattening.advance(1, 1)
     with resources.stats.time("read and color"):
-        maps = [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()]
+        own = [] if flat is op else [flat.exemplar.first]  # in any order already
+        maps = own + [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
         weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
     pixels = flat.read(resources, None if weight is None else weight > 0)
     reading.advance(1, 1)
@@ -118,7 +119,7 @@ def _synthesized(
     quality = _measures_of(plan.quality, lattice, recipe).during(resources, measuring)
     run = SynthesisRun(
         plan, flat, maps, pixels, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
-        resources, making, judging,
+        resources, making, judging, Octaves(pixels.values, pixels.usable),
     )  # fmt: skip
     first, *others = run.variants() if op.variants > 1 else run.one()
     first = beside_drift(first, drift)
@@ -132,7 +133,8 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     if not strength:
         return op, {} if strength is None else {"drift": correction_part(None, part)}
     allowed = op._allowed()
-    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed)
+    kept = functools.partial(_in_any_order, in_memory=plan.in_memory)
+    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed, kept)
     mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
     changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
     return replace(op, **changed), {"drift": drift}
@@ -193,6 +195,7 @@ class SynthesisRun:
     _resources: Resources
     _progress: Progress
     _judging: Progress
+    _octaves: Octaves  # of the photo, for all syntheses from it
 
     @property
     def _op(self) -> PatchSynthesis:
@@ -217,7 +220,7 @@ class SynthesisRun:
         synthesis = synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
             (progress or self._progress).advance, pixels.why, constraints,
-            resources.keeper if op.resume else None, look=all_looks if looks else None,
+            resources.keeper if op.resume else None, look=all_looks if looks else None, octaves=self._octaves,
         )  # fmt: skip
         if synthesis.lost is not None:
             say_what_was_lost(op.flag(), synthesis.lost)

@@ -20,6 +20,7 @@ from ..projections.projection import Projecting
 from .field import Geometry, allowed_patches, bands_of, box_sums
 
 FINER = 2  # minimum size of an octave, relative to a level that is reduced from it
+_KEPT_BYTES = 4 << 20  # maximum size of a level that is kept
 ENOUGH = 0.25  # minimum share of whole patches on a usable coarse level, relative to the finest level's
 ENOUGH_AMONG = 0.5  # the same if pixels around the result are fixed: the patches that fit these must be among them
 
@@ -188,11 +189,14 @@ def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray 
 class Octaves:
     """An image at its own size, and on request at 1/2, 1/4 ... of it: coarse levels need not read all pixels.
 
+    Small levels are kept for the next synthesis from it.
+
     `image` (height, width, channels) float32; `mask` (height, width) bool, pixels that count, or None: all.
     """
 
     def __init__(self, image: SomeRows, mask: np.ndarray | None):
         self._sums: list[SomeRows] = [image]
+        self._kept: dict[tuple[int, int], np.ndarray] = {}
         self._weights: list[SomeRows] = []  # with a mask: shares of pixels that count, and the sums are of these
         if mask is not None:
 
@@ -226,6 +230,13 @@ class Octaves:
         (height or rows, width, channels) float32
             0 where no pixel counts.
         """
+        if 4 * width * height * self._sums[0].shape[2] > _KEPT_BYTES:
+            return self._reduced(width, height, rows)
+        if (width, height) not in self._kept:
+            self._kept[width, height] = self._reduced(width, height)
+        return self._kept[width, height][rows or slice(None)]
+
+    def _reduced(self, width: int, height: int, rows: slice | None = None) -> np.ndarray:
         at = max(k for k, one in enumerate(self._sums) if k == 0 or _finer(one, width, height))
         sums = resized(self._sums[at], width, height, rows)
         if not self._weights:

@@ -98,6 +98,7 @@ def synthesize(
     constraints: Constraints = UNCONSTRAINED,
     keeper: Checkpoint | None = None,
     look: LevelLook | None = None,
+    octaves: Octaves | None = None,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -121,6 +122,8 @@ def synthesize(
     look : callable, optional
         Called with (pick, (width, height)): a function that returns a level's source, and the exemplar's size there.
         May raise an exception to stop.
+    octaves : Octaves, optional
+        Of these arguments, from another synthesis.
 
     Raises
     ------
@@ -139,14 +142,14 @@ def synthesize(
     sizes = [g.width * g.height for g in geometries]
     steps = [size + _LEVEL * (n == 0) for size, level in zip(sizes, schedule, strict=True) for n in range(len(level))]
     whole = sum(steps) + 2 * sizes[-1]  # picking the pixels, and measuring what is lost
-    field: SourceMap | None = None
-    iteration, fixed = 0, constraints.fixed
+    field, iteration, fixed = None, 0, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
     there = -1 if levels is None else levels.latest(geometries)
     held = ExemplarHeld(isinstance(exemplar, np.ndarray), allowed is not None)
     plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget, held)
     first = geometries[max(there, 0)]
-    octaves = Octaves(exemplar, allowed).halve(first.exemplar_width, first.exemplar_height, plan.exemplar_whole)
+    octaves = octaves or Octaves(exemplar, allowed)
+    octaves.halve(first.exemplar_width, first.exemplar_height, plan.exemplar_whole)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
         for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
             if level <= there:

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ...analysis.regularity.autocorrelation import (
+    SLOW,
     Autocorrelation,
     autocorrelation,
     blurred,
     high_passed,
     wrapped_autocorrelation,
+    wrapped_response,
 )
 from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
@@ -201,12 +203,14 @@ class JudgedPhoto:
         if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
             return None
         longer = max(own.shape[:2])
-        before, after = self._texture, high_passed(lab, everywhere, wraps, longer)
-        bands = tuple(
-            max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE) / energy
-            for k, energy in zip(SCALES, self._energies, strict=True)
-        )
-        of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
+        before = self._texture
+        if all(wraps):
+            energies, of_result = _torus_energies(lab, longer), wrapped_autocorrelation(lab, longer)
+        else:
+            after = high_passed(lab, everywhere, wraps, longer)
+            energies = [_energy(after, everywhere, longer / k, wraps) for k in SCALES]
+            of_result = autocorrelation(after, everywhere)
+        bands = tuple(max(energy, _INVISIBLE) / own for energy, own in zip(energies, self._energies, strict=True))
         shapes, lines = _compared(self._autocorrelation, of_result, longer)
         shown = self._colors
         missing = _missing(shown[seen], lab[everywhere])
@@ -312,6 +316,20 @@ def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bo
     return float(np.sqrt((blurred(texture, sigma, wraps)[seen] ** 2).sum(-1).mean()))
 
 
+def _torus_energies(lab: np.ndarray, longer: int) -> list[float]:
+    """The same of a high-passed torus at all `SCALES`: a Gaussian scales its waves, whose energies add (Parseval)."""
+    height, width = lab.shape[:2]
+    power = (np.abs(np.fft.rfft2(lab, axes=(0, 1))) ** 2).sum(-1)
+    power[:, 1 : (width + 1) // 2] *= 2.0  # waves that are stored once for both directions
+
+    def response(sigma: float) -> np.ndarray:
+        down, right = (wrapped_response(sigma, n) for n in (height, width))
+        return down[:, None] * right[: power.shape[1]]
+
+    power *= (1.0 - response(SLOW * longer)) ** 2
+    return [float(np.sqrt((power * response(longer / k) ** 2).sum())) / (height * width) for k in SCALES]
+
+
 def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> tuple[float, float]:
     """Similarity of shapes, and share of the correlation over long distances that is preserved."""
     x, y = (min(pair) for pair in zip(photo.reach, result.reach, strict=True))
@@ -342,9 +360,11 @@ def _missing(photo: np.ndarray, result: np.ndarray) -> float:
     cells -= cells.min(0)
     shape = tuple((cells.max(0) + 2).tolist())
     counts = np.zeros((2, np.prod(shape)))
+    of_light, of_a, of_b = ((1.0 - axis, axis) for axis in part.T.copy())
+    first = np.ravel_multi_index(tuple(cells.T), shape)
     for corner in np.ndindex(2, 2, 2):
-        weight = np.where(corner, part, 1.0 - part).prod(1)
-        index = np.ravel_multi_index(tuple((cells + corner).T), shape)
+        weight = of_light[corner[0]] * of_a[corner[1]] * of_b[corner[2]]
+        index = first + int(np.ravel_multi_index(corner, shape))
         for n, at in enumerate((slice(0, len(photo)), slice(len(photo), None))):
             counts[n] += np.bincount(index[at], weight[at], counts.shape[1])
     shares = counts / np.array([[len(photo)], [len(result)]])

@@ -83,7 +83,19 @@ def _explained(
     picked = _sources(source, y, x)
     own = _samples(picked, photo)
     variance = _products(own, own)
-    explained = np.where(_bent(picked, around) <= _BENT * half + 1, variance, 0.0)
+    is_cut = _bent(picked, around) > _BENT * half + 1
+    explained = variance.copy()  # no continuation explains more than all
+    if is_cut.any():
+        cut = tuple(at[is_cut] for at in grid)
+        explained[is_cut] = _best_continuation(photo, source, cut, around, own[is_cut])
+    return variance, explained
+
+
+def _best_continuation(
+    photo: SomeRows, source: SourceMap, grid: tuple[np.ndarray, ...], around: np.ndarray, own: np.ndarray
+) -> np.ndarray:
+    """How much of the variance of patches, whose samples are `own`, the best of their nine continuations explains."""
+    half, explained = int(around[-1]), np.zeros(len(own))
     for down in (-half, 0, half):
         for right in (-half, 0, half):
             down_there, right_there = _continued(source, photo.shape, grid, (down, right), half)
@@ -92,7 +104,7 @@ def _explained(
             both, power = _products(own, other), _products(other, other)
             gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
             explained = np.maximum(explained, gain * (2 * both - gain * power))
-    return variance, explained
+    return explained
 
 
 def turning(light: np.ndarray) -> float:
