@@ -24,6 +24,7 @@ _LISTS = (
     "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "OPENIMAGEIO_PLUGIN_PATH", "OIIO_LIBRARY_PATH",
     "LIBRARY_PATH", "COMPILER_PATH", "GCC_EXEC_PREFIX", "CPATH", "C_INCLUDE_PATH",
 )  # fmt: skip
+_MMAP_THRESHOLD = -3  # an option of mallopt, by glibc's malloc.h
 
 
 def usable_threads() -> int:
@@ -69,12 +70,28 @@ def memory() -> int:
 
 def return_freed_memory() -> None:
     """Give freed memory back to the system: glibc keeps what arrays of some megabytes leave in its heaps."""
-    if sys.platform == "linux":
-        import ctypes
+    trim = _of_glibc("malloc_trim")
+    if trim is not None:
+        trim(0)
 
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
-        if trim is not None:
-            trim(0)
+
+def map_large_arrays() -> None:
+    """Let glibc return an array of 4 MB or more to the system when it is freed.
+
+    By itself it raises that size, up to 32 MB, to that of each array that is freed, and buffers then leave holes.
+    """
+    set_option = _of_glibc("mallopt")
+    if set_option is not None:
+        set_option(_MMAP_THRESHOLD, 4 << 20)
+
+
+def _of_glibc(name: str) -> Any:
+    """A function of the C library; None if it has none of this name, which glibc alone has."""
+    if sys.platform != "linux":
+        return None
+    import ctypes
+
+    return getattr(ctypes.CDLL(None), name, None)
 
 
 def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how: Any) -> Popen[Any]:

@@ -56,11 +56,13 @@ def read_sealed(path: Path) -> mmap.mmap:
     ValueError
         It is damaged.
     """
+    if not os.path.isfile(path):  # opening a pipe would wait
+        raise FileNotFoundError(path)
     with open(path, "rb") as file:
-        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    with memoryview(mapped) as whole:
-        if hashlib.sha256(whole[_DIGEST:]).hexdigest().encode() != bytes(whole[:_DIGEST]):
+        seal = file.read(_DIGEST)  # read, not mapped: the pages of a map stay in memory
+        if hashlib.file_digest(file, "sha256").hexdigest().encode() != seal:
             raise ValueError(f"{path}: damaged")
+        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     mapped.seek(_DIGEST)
     return mapped
 
@@ -157,7 +159,7 @@ class SealedFolder:
                 self._seals = seals
 
     def _files(self) -> Iterable[tuple[str, int, int]]:
-        """Name, size and time of change of each file. Links are not followed.
+        """Name, size and time of change of each file. What is neither file nor folder is removed.
 
         Each process that opens a device looks at every file, thousands in old caches: no `Path` is made for each.
         """
@@ -169,7 +171,9 @@ class SealedFolder:
                     name = f"{below}{entry.name}"
                     if entry.is_dir(follow_symlinks=False):
                         folders.append(f"{name}/")
-                    elif entry.is_file(follow_symlinks=False) and not (below == "" and _LIST[:-5] in name):
+                    elif not entry.is_file(follow_symlinks=False):  # a library would write through a link
+                        os.unlink(entry.path)
+                    elif not (below == "" and _LIST[:-5] in name):
                         status = entry.stat(follow_symlinks=False)
                         yield name, status.st_size, status.st_ctime_ns
 

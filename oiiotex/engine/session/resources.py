@@ -63,8 +63,10 @@ class Resources(Facts):
     @functools.cached_property
     def device(self) -> Device:
         """The OpenCL device."""
+        from ..machine import map_large_arrays
         from ..opencl import device_choice
 
+        map_large_arrays()
         with self.stats.time("open device"):
             opened = device_choice.open_device(self.settings.device_name, self.settings.threads)
         opened.record = self.settings.profile

@@ -84,7 +84,7 @@ def sampled(part: Part, step: int) -> np.ndarray:
     rows = []
     for y in range(window.top + min(step // 2, window.height - 1), window.bottom, step):
         row = part.read(Window(window.left, y, window.right, y + 1))
-        rows.append(row[0, min(step // 2, window.width - 1) :: step])
+        rows.append(row[0, min(step // 2, window.width - 1) :: step].copy())  # a view would keep all decoded rows
     return np.stack(rows)
 
 

@@ -79,11 +79,10 @@ def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool, lines: slice 
     side = len(plane)
     at = _places_around(side, spacing, periodic)
     first, last, _ = lines.indices(side)
-    padded = plane[at[first : last + 4 * spacing]][:, at, :3].astype(np.float64)
     steps = [n * spacing for n in range(5)]
-    return np.concatenate([padded[y : y + last - first, x : x + side] for y in steps for x in steps], -1).reshape(
-        -1, 75
-    )
+    rows = [plane[at[first + y : last + y], :, :3] for y in steps]  # only those: a coarse level is padded by its side
+    around = np.concatenate([row[:, at[x : x + side]] for row in rows for x in steps], -1)
+    return around.reshape(-1, 75).astype(np.float64)
 
 
 def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
@@ -205,7 +204,8 @@ def _transfers(
             # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighborhoods' means
             away = np.rint(sums[number, band][:, None] / 25 - flat_sums[chosen] / 25).astype(np.int64)
             away[alike[number][chosen // texels]] = 0  # an exemplar agrees with itself (section 5)
-            offsets[number, band, :, :3] = away
+            if away.any():  # zeros that are not written take no memory
+                offsets[number, band, :, :3] = away
         shift = _scaled(offsets[number, band, :, :3].astype(np.float64) @ whole).astype(np.int32)
         records[number, band] = np.clip(flat[chosen] + shift, -MOST_PROJECTED, MOST_PROJECTED)
     return offsets, records

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from oiiotex.engine.errors import Error, ImageError, ParameterError
+from oiiotex.engine.errors import Error, ImageError, ParameterError, within
 
 from ..api.files import Allowed, Fraction, Seed, read_as, read_document, types_of, written
 from ..api.painting import MEASURES, PRESETS
@@ -182,6 +182,11 @@ class Document:
         if content.get("source") != self._source:
             problem = f"{self.path} belongs to {content.get('source')}, not to {self._source}"
             raise Error(f"{problem}; choose another document with document=FILE")
+        with within(str(self.path)):
+            self._take(content)
+
+    def _take(self, content: Mapping[str, Any]) -> None:
+        """The state and the history in a document."""
         for room, values in content.items():
             if room == "history":
                 self.history.read(values, self._undone)

@@ -214,7 +214,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         raise Error(f"{path}: {getattr(error, 'strerror', None) or 'not text in UTF-8'}") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also of an integer with more than 4,300 digits
         raise Error(f"{path}: {error}") from error
     except RecursionError as error:
         raise Error(f"{path}: nested too deeply") from error
