@@ -124,6 +124,19 @@ def test_damaged_files_are_removed_and_others_kept(kernels):
     assert left(kernels.parent / "none") == set()
 
 
+def test_links_and_pipes_among_kernels_are_removed(kernels, tmp_path):
+    """A library would write through the one and wait for the other."""
+    note, at = tmp_path / "note.txt", kernels / "AB" / "one"
+    note.write_text("precious")
+    (at / "link").symlink_to(note)
+    os.mkfifo(at / "pipe")
+    left(kernels)
+    assert {path.name for path in at.iterdir()} == {"one.so"} and note.read_text() == "precious"
+    os.mkfifo(at / "sealed")
+    with pytest.raises(FileNotFoundError):
+        sealed.read_sealed(at / "sealed")
+
+
 def test_after_a_start_of_the_machine_all_files_are_read(kernels, monkeypatch, tmp_path):
     """A power loss leaves sizes and times as they were, and zeros in a file; of files without a seal none is whole."""
     (kernels / "AB" / "new.so").write_bytes(b"")

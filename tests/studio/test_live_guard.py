@@ -263,7 +263,7 @@ def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     content = json.loads(path.read_text())
     for changed, text in (
         ({"oiiotex.live": 2}, "version 2"),
-        ({"tile": {"sigma": "x"}}, "tile.sigma: expected a number from 0.5 to 1000000, not 'x'"),
+        ({"tile": {"sigma": "x"}}, r"x\.texlive\.json: tile.sigma: expected a number from 0.5 to 1000000, not 'x'"),
     ):
         path.write_text(json.dumps(content | changed))
         with pytest.raises(Error, match=text):

@@ -197,12 +197,20 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         (LINE + "[delivr]\ntx = true\n", "unknown key 'delivr'.*deliver"),
         (LINE + "[judge]\nlimits = ['seam']\n", "judge: limits=seam: expected NAME>NUMBER"),
         (LINE + "[roles.colr]\nspace = 'data'\n", "roles 'colr': expected color"),
+        ('[[product]]\nname = "t"\nline = "$maps a\\u0000b $outputs"\n', "t: a line cannot contain the character NUL"),
         (LINE + "[assets.x]\nsize_m = [1]\n", "expected width and height in meters"),
     ],
 )
 def test_what_a_recipe_says_wrong_is_one_line(text, says):
     with pytest.raises(errors.Error, match=says):
         require_lines(recipe(text))
+
+
+def test_a_number_of_too_many_digits_is_one_line(tmp_path):
+    path = tmp_path / "recipe.toml"
+    path.write_text(f"a = {'1' * 5000}\n")
+    with pytest.raises(errors.Error, match=r"recipe\.toml: Exceeds the limit"):
+        load_recipe(path)
 
 
 def test_lines_get_files_kinds_and_folders(photos):

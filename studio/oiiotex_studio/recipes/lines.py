@@ -73,6 +73,8 @@ def steps_of(recipe: LibraryRecipe, maps: Mapping[str, MapFile]) -> list[Product
         filler = _Filler(product.name, recipe, maps, names[:number], made)
         words = list[str]()
         with within(f"product {product.name}"):
+            if "\0" in product.line:
+                raise ParameterError("a line cannot contain the character NUL")
             try:
                 parts = shlex.split(product.line)
             except ValueError as error:
