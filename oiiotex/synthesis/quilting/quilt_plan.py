@@ -145,7 +145,7 @@ class QuiltPlan:
         y, x = SourceMap(offsets).yx
         cuts = (*plan.grid.shape, patch)
         fits = offsets.shape == plan.grid.shape and vertical.shape == cuts == horizontal.shape
-        if not fits or (y > exemplar[1] - patch).any() or (x > exemplar[0] - patch).any():  # sums of 16 bits would wrap
+        if not fits or (y + patch > exemplar[1]).any() or (x + patch > exemplar[0]).any():
             raise ImageError(f"{path} is not a complete plan")
         if max(vertical.max(), horizontal.max()) >= overlap:
             raise ImageError(f"{path} is not a complete plan")
