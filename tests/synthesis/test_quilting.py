@@ -246,11 +246,10 @@ def test_what_is_no_plan_is_refused(device, tmp_path):
         QuiltPlan.load(path, BUDGET)
     grid = Grid(61, 47, patch=12, overlap=4)
     plan = sewn(device, grid, quilter.Rules(candidates=8)).finished()
-    for y, x in ((40, 3), (0, 0xFFFF)):  # would read below the exemplar; and the corner of a patch wraps in 16 bits
-        plan.offsets[2, 3] = y << 16 | x
-        np.savez_compressed(path, **plan.arrays((53, 45)))
-        with pytest.raises(ImageError, match="is not a complete plan"):
-            QuiltPlan.load(path, BUDGET)
+    plan.offsets[2, 3] = 40 << 16 | 3  # would read below the exemplar
+    np.savez_compressed(path, **plan.arrays((53, 45)))
+    with pytest.raises(ImageError, match="is not a complete plan"):
+        QuiltPlan.load(path, BUDGET)
 
 
 def test_wide_grids_are_the_same_from_any_order_of_waves():
