@@ -48,7 +48,7 @@ class Transition(Whole):
     """
 
     example: ClassVar[str] = """\
->>> grass, sand = (filters.stationarize("photo.png", seed=n) for n in (1, 2))
+>>> grass, sand = (filters.stationarize("photo.png", seed=n, size=(256, 256)) for n in (1, 2))
 >>> atlas = filters.transition(grass, sand)
 """
     name: ClassVar[str] = "transition"

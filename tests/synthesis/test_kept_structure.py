@@ -26,7 +26,7 @@ from tests.conftest import made_by
 from tests.lattices import regular
 
 OPS = [Quilting, Cut]
-TILING = {Quilting: {"tiles": "xy"}, Cut: {"tiles": "xy", "patch": 32}}
+TILING = {Quilting: {"tiles": "xy", "patch": 24}, Cut: {"tiles": "xy", "patch": 32}}
 WITHOUT_END = {"size": Size(256, 256), "exemplarside": 128, "tiles": "xy"}
 
 
@@ -51,8 +51,10 @@ def test_a_single_object_has_no_lattice():
     assert find_lattice(np.stack([disc, 0 * disc, 0 * disc], -1).astype(np.float32)) is None
 
 
-@pytest.mark.parametrize("name", [pytest.param("oblique", marks=pytest.mark.slow), "bricks"])
-def test_a_texture_without_end_is_as_regular_as_its_photo(name):
+@pytest.mark.parametrize(
+    ("name", "share", "gain"), [pytest.param("oblique", 0.6, 0.2, marks=pytest.mark.slow), ("bricks", 0.7, 0.3)]
+)
+def test_a_texture_without_end_is_nearly_as_regular_as_its_photo(name, share, gain):
     session, image = Session(), from_buffer(buffer(regular(name, 128, 128, 3)))
     lab, _ = working_values(image, session.resources)
     lattice, least = find_lattice(lab), {}
@@ -62,7 +64,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
-    assert least[0.5] >= 0.75 and least[0.5] > least[0.0] + 0.3
+    assert least[0.5] >= share and least[0.5] > least[0.0] + gain
 
 
 @pytest.mark.parametrize("op", [*OPS, Synth])
