@@ -353,7 +353,6 @@ def multiscale(far: Far) -> None:
     parent[py, px], parent_r[py - 1 : py + 2, px - 1 : px + 2] = 5, 16
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
-    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32), np.zeros(1, np.uint32), *(0,) * 4  # nothing to keep
     run(
         "upsample",
         (X, Y),
@@ -369,7 +368,7 @@ def multiscale(far: Far) -> None:
         *places,
         *far_away,
         *(np.uint32(3), np.uint32(1), 0, 256),
-        *steps,
+        *(0,) * 4,  # nothing is kept
     )
     assert texel[Y, X] == 5
     assert r[Y, X].tolist() == [16] * 4

@@ -11,7 +11,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from oiiotex import filters
-from oiiotex.analysis.shadows.border_curves import Curve, distances, traced
+from oiiotex.analysis.shadows.border_curves import BorderCurve, distances, traced
 from oiiotex.analysis.shadows.cast_shadow import visible
 from oiiotex.engine import errors
 from oiiotex.engine.session import Session
@@ -123,11 +123,11 @@ def test_curves_follow_a_disc_and_a_half():
 
 def test_circles_and_lines_do_not_bend_unevenly():
     turn = np.linspace(0, 2 * np.pi, 75, endpoint=False)
-    circle = Curve(12 * np.stack([np.sin(turn), np.cos(turn)], 1), True).evened()
+    circle = BorderCurve(12 * np.stack([np.sin(turn), np.cos(turn)], 1), True).evened()
     uneven, reduction = circle.bending()
     assert np.abs(uneven).max() < 0.02
     assert np.abs(reduction @ np.ones(len(circle.points))).max() < 0.02  # a larger circle is one, too
-    line = Curve(np.stack([np.arange(30.0), 0.5 * np.arange(30.0)], 1), False).evened()
+    line = BorderCurve(np.stack([np.arange(30.0), 0.5 * np.arange(30.0)], 1), False).evened()
     assert np.abs(line.bending()[0]).max() < 1e-9
 
 

@@ -17,21 +17,21 @@ _DIRECTION = 5  # points that determine it
 _NEAR = 3.0  # cells: nearer ones have a distance along the normal, the others to the nearest point
 
 
-class Curve(NamedTuple):
+class BorderCurve(NamedTuple):
     """Points of a curve, (n, 2) float, a cell apart; a closed one ends where it begins."""
 
     points: np.ndarray
     closed: bool
 
-    def evened(self) -> Curve:
+    def evened(self) -> BorderCurve:
         """With points a cell apart."""
         ring = np.concatenate([self.points, self.points[:1]]) if self.closed else self.points
         along = np.append(0.0, np.cumsum(np.sqrt((np.diff(ring, axis=0) ** 2).sum(1))))
         count = max(4, round(float(along[-1])))
         places = np.arange(count + (not self.closed)) * (along[-1] / count)
-        return Curve(np.stack([np.interp(places, along, ring[:, k]) for k in (0, 1)], 1), self.closed)
+        return BorderCurve(np.stack([np.interp(places, along, ring[:, k]) for k in (0, 1)], 1), self.closed)
 
-    def smoothed(self, sigma: float) -> Curve:
+    def smoothed(self, sigma: float) -> BorderCurve:
         """Blurred by a Gaussian of that sigma, in points; the ends of an open curve are kept."""
         points, taps = self.points, gaussian_taps(sigma, 3.0)
         reach = len(taps) // 2
@@ -41,9 +41,9 @@ class Curve(NamedTuple):
             inside = np.minimum(np.arange(1, reach + 1), len(points) - 1)
             wide = np.concatenate([2 * points[0] - points[inside[::-1]], points, 2 * points[-1] - points[-1 - inside]])
         blurred = sum(tap * wide[k : k + len(points)] for k, tap in enumerate(taps))
-        return Curve(np.asarray(blurred), self.closed).evened()
+        return BorderCurve(np.asarray(blurred), self.closed).evened()
 
-    def extended(self) -> Curve:
+    def extended(self) -> BorderCurve:
         """An open curve with straight ends beyond the image."""
         if self.closed:
             return self
@@ -51,11 +51,11 @@ class Curve(NamedTuple):
         ends = points[0] - points[last], points[-1] - points[-1 - last]
         first, final = (end / np.maximum(np.sqrt((end**2).sum()), 1e-9) for end in ends)
         steps = np.arange(1, _BEYOND + 1)[:, None]
-        return Curve(np.concatenate([points[0] + steps[::-1] * first, points, points[-1] + steps * final]), False)
+        return BorderCurve(np.concatenate([points[0] + steps[::-1] * first, points, points[-1] + steps * final]), False)
 
-    def moved(self, distances: np.ndarray) -> Curve:
+    def moved(self, distances: np.ndarray) -> BorderCurve:
         """Along its normals, by (n,) cells."""
-        return Curve(self.points + distances[:, None] * self.normals(), self.closed).evened()
+        return BorderCurve(self.points + distances[:, None] * self.normals(), self.closed).evened()
 
     def normals(self) -> np.ndarray:
         """Unit vectors toward the light, (n, 2)."""
@@ -87,7 +87,7 @@ class Curve(NamedTuple):
         return np.concatenate([points[-1:] if self.closed else 2 * points[:1] - points[1:2], points[:-1]])
 
 
-def traced(shade: np.ndarray) -> list[Curve]:
+def traced(shade: np.ndarray) -> list[BorderCurve]:
     """The borders of a mask, (rows, columns) bool, along the sides of its cells."""
     following = _sides(shade)
     ends = {end for found in following.values() for end in found}
@@ -98,7 +98,7 @@ def traced(shade: np.ndarray) -> list[Curve]:
             while following.get(corners[-1]) and (len(corners) == 1 or corners[-1] != start):
                 corners.append(following[corners[-1]].pop())
             closed = corners[0] == corners[-1]
-            curves.append(Curve(np.array(corners[: len(corners) - closed], np.float64) - 0.5, closed))
+            curves.append(BorderCurve(np.array(corners[: len(corners) - closed], np.float64) - 0.5, closed))
     return curves
 
 
@@ -116,7 +116,7 @@ def _sides(shade: np.ndarray) -> dict[tuple[int, int], list[tuple[int, int]]]:
     return following
 
 
-def distances(curves: list[Curve], shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def distances(curves: list[BorderCurve], shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Distance of each cell from the nearest curve, positive in light, and the nearest of all their points.
 
     Returns

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from ...engine.core.elementary import exponential, logarithm
 from ...engine.deferred import np
-from .border_curves import Curve, distances, traced
+from .border_curves import BorderCurve, distances, traced
 
 CELLS = 96  # along the longer side of a photo
 SURE = 150.0  # gain in log likelihood
@@ -207,7 +207,7 @@ def _light(logs: np.ndarray, valid: np.ndarray, distance: np.ndarray, full: floa
 
 
 def _movement(
-    curves: list[Curve], seen: np.ndarray, distance: np.ndarray, nearest: np.ndarray, width: float, light: _Light
+    curves: list[BorderCurve], seen: np.ndarray, distance: np.ndarray, nearest: np.ndarray, width: float, light: _Light
 ) -> np.ndarray:
     """How far each point of the curves moves toward the light, in cells, (points,).
 
@@ -235,8 +235,8 @@ def _movement(
     return min(map(tried, _STRAIGHTNESS), key=lambda result: result[0])[1]
 
 
-def _bending(curves: list[Curve]) -> tuple[np.ndarray, np.ndarray]:
-    """`Curve.bending` of all curves together."""
+def _bending(curves: list[BorderCurve]) -> tuple[np.ndarray, np.ndarray]:
+    """`BorderCurve.bending` of all curves together."""
     each = [curve.bending() for curve in curves]
     uneven = np.concatenate([one for one, _ in each])
     whole = np.zeros((len(uneven), sum(len(curve.points) for curve in curves)))
