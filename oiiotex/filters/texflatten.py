@@ -60,7 +60,7 @@ class Flatten(ScanThenMap):
     )
     shadows: bool = param(
         False,
-        help="First remove a cast shadow with its penumbra. A photo without one is not changed by it. With"
+        help="First remove a cast shadow with its penumbra. A photo in which none is sure is not changed by it. With"
         " flattening=0, nothing else is removed.",
     )
     tiled: str | None = TILED

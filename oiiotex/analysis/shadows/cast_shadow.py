@@ -22,7 +22,8 @@ from .border_curves import BorderCurve, distances, traced
 
 CELLS = 96  # along the longer side of a photo
 SURE = 150.0  # gain in log likelihood
-_BLUISH = 1.05  # least share of the sky in blue over that in red
+_BLUISH = 1.05, 2.5  # least and largest share of the sky in blue over that in red
+_BETWEEN = 1.02  # by which the share in green may be outside of those in red and blue
 _LARGEST_SKY = 0.97  # a fainter shadow is none
 _STARTS = (1.0, 1.0, 1.0), (1.0, 0.0, -1.0)  # directions in R, G, B of the first borders: lightness, and blueness
 _LEVEL = 4.0  # cells; sigma of the level that the first border is decided on
@@ -64,8 +65,10 @@ class CastShadow:
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is a shadow rather than dark material."""
-        return self.gain >= SURE and bool(self.sky[2] >= _BLUISH * self.sky[0])
+        """Whether it is a shadow rather than dark material: skylight gets stronger from red to blue."""
+        red, green, blue = self.sky.tolist()
+        is_bluish = _BLUISH[0] * red <= blue <= _BLUISH[1] * red
+        return self.gain >= SURE and is_bluish and red / _BETWEEN <= green <= blue * _BETWEEN
 
 
 def visible(distance: np.ndarray) -> np.ndarray:
