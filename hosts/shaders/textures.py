@@ -25,7 +25,8 @@ import numpy as np
 
 from oiiotex.engine.core.image import Part
 from oiiotex.engine.core.source_map import BITS, Copied
-from oiiotex.engine.errors import ImageError
+from oiiotex.engine.errors import Error, ImageError, reason_of
+from oiiotex.engine.io.atomic import temporary_beside
 from oiiotex.engine.io.copies import is_indexed
 from oiiotex.engine.io.reading import read
 
@@ -199,7 +200,8 @@ def write_ktx(levels: list[np.ndarray], path: Path, layers: int = 0) -> None:
     for level, packed in zip(reversed(levels), reversed(data), strict=True):  # the coarsest one first
         entries.append(struct.pack("<3Q", place, len(packed), level.nbytes))
         place += len(packed)
-    path.write_bytes(b"".join([_MAGIC, head, *reversed(entries), described, *reversed(data)]))
+    with temporary_beside(path) as temporary:
+        temporary.write_bytes(b"".join([_MAGIC, head, *reversed(entries), described, *reversed(data)]))
 
 
 def _description(kind: np.dtype, channels: int) -> bytes:
@@ -232,8 +234,8 @@ def main() -> None:
     given = parser.parse_args()
     try:
         write_textures(textures(given.tile), given.folder)
-    except ImageError as error:
-        parser.exit(1, f"{parser.prog}: {error}\n")
+    except (Error, OSError) as error:
+        parser.exit(1, f"{parser.prog}: {reason_of(error)}\n")
 
 
 if __name__ == "__main__":

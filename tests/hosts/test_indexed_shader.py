@@ -137,6 +137,16 @@ def test_what_has_no_textures_is_refused(tmp_path, capsys, monkeypatch, image, t
     assert ended.value.code == 1 and text in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys, monkeypatch):
+    path = written(Image((pieces().parts("three", photo(3), "xy")["three"],)), tmp_path / "tile.oiiotex")
+    monkeypatch.setattr(sys, "argv", ["textures.py", str(path), str(path)])
+    before = path.read_bytes()
+    with pytest.raises(SystemExit) as ended:
+        shader_textures.main()
+    assert ended.value.code == 1 and f"{path}: File exists\n" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
 # --- shader ---
 
 

@@ -246,10 +246,17 @@ def test_what_is_no_plan_is_refused(device, tmp_path):
         QuiltPlan.load(path, BUDGET)
     grid = Grid(61, 47, patch=12, overlap=4)
     plan = sewn(device, grid, quilter.Rules(candidates=8)).finished()
-    plan.offsets[2, 3] = 40 << 16 | 3  # would read below the exemplar
-    np.savez_compressed(path, **plan.arrays((53, 45)))
-    with pytest.raises(ImageError, match="is not a complete plan"):
-        QuiltPlan.load(path, BUDGET)
+    broken = plan.arrays((53, 45))
+    for name, at, value in (
+        ("offsets", (2, 3), 40 << 16 | 3),  # would read below the exemplar
+        ("vertical", (1, 0, 5), 1),  # would show a patch to the left of the first one
+        ("horizontal", (0, 2, 0), 3),
+    ):
+        array = broken[name].copy()
+        array[at] = value
+        np.savez_compressed(path, **broken | {name: array})
+        with pytest.raises(ImageError, match="is not a complete plan"):
+            QuiltPlan.load(path, BUDGET)
 
 
 def test_wide_grids_are_the_same_from_any_order_of_waves():

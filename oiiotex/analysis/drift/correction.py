@@ -173,9 +173,8 @@ def _light_field(drift: Drift, share: np.ndarray, gain: np.ndarray, amount: floa
     sure = np.moveaxis(share[..., 1:], -1, 0) * np.maximum(_sure_tint(drift), drift.stains)
     new_y = (np.maximum(goal, 0.0) + _BLACK) / 116.0
     local, common, wanted = (_chroma(np.broadcast_to(lab, level.shape), new_y) for lab in (level, overall, target))
-    gains = 1.0 + drift.stains * (
-        np.minimum(np.moveaxis(gain[..., 1:], -1, 0), 1.0) - 1.0
-    )  # of chroma: only a stain changes it
+    less = np.minimum(np.moveaxis(gain[..., 1:], -1, 0), 1.0) - 1.0
+    gains = 1.0 + drift.stains * less  # of chroma: only a stain changes it
     chroma = local + amount * (sure * (common - local) + wanted - common) - new_y - gains * (local - new_y)
     return np.stack([gain[..., 0], offset, ratio, *gains, *chroma / np.maximum(new_y - _FOOT, _FOOT)], -1)
 

@@ -57,9 +57,9 @@ def without_shadow(
     sums = np.zeros((cells.down, cells.across, 4))
 
     def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
-        rows = piece.inside(part.window)[0]
-        allowed = opaque if usable is None else usable[rows] if opaque is None else usable[rows] & opaque
-        counted = np.ones(values.shape[:2], bool) if allowed is None else allowed
+        counted = np.ones(values.shape[:2], bool) if opaque is None else opaque
+        if usable is not None:
+            counted = counted & usable[piece.inside(part.window)[0]]
         steps = np.rint(np.clip(_linear(values), 0, _BRIGHTEST) * _STEPS) * counted[..., None]
         steps = np.concatenate([steps, counted[..., None]], -1, dtype=np.float64)
         each = (steps[row.inside(piece)[0]].sum(0) for row in cells.rows(piece))

@@ -147,7 +147,8 @@ class QuiltPlan:
         fits = offsets.shape == plan.grid.shape and vertical.shape == cuts == horizontal.shape
         if not fits or (y + patch > exemplar[1]).any() or (x + patch > exemplar[0]).any():
             raise ImageError(f"{path} is not a complete plan")
-        if max(vertical.max(), horizontal.max()) >= overlap:
+        before_first = (not wrap_x and vertical[:, 0].any()) or (not wrap_y and horizontal[0].any())
+        if before_first or max(vertical.max(), horizontal.max()) >= overlap:
             raise ImageError(f"{path} is not a complete plan")
         return plan, (exemplar[0], exemplar[1])
 
