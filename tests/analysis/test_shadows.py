@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex import filters
 from oiiotex.analysis.shadows.border_curves import BorderCurve, distances, traced
-from oiiotex.analysis.shadows.cast_shadow import visible
+from oiiotex.analysis.shadows.cast_shadow import SURE, CastShadow, visible
 from oiiotex.engine import errors
 from oiiotex.engine.session import Session
 from tests import pictures
@@ -83,6 +83,20 @@ def test_a_photo_without_a_shadow_is_not_changed(photo, caplog):
 def test_a_reddish_dark_region_is_no_shadow():
     photo = (texture() * (visible_lamp()[..., None] * (1 - SKY[::-1]) + SKY[::-1])).astype(np.float32)
     np.testing.assert_array_equal(relit(photo), photo)
+
+
+@pytest.mark.parametrize(
+    ("sky", "gain", "sure"),
+    [
+        (SKY, SURE, True),
+        (SKY, SURE - 1, False),
+        ((0.4, 0.4, 0.4), 900, False),  # a gray shade
+        ((0.31, 0.37, 0.32), 900, False),  # grass next to soil
+        ((0.11, 0.21, 0.35), 900, False),  # a lit blue plate
+    ],
+)
+def test_a_sure_shadow_explains_the_photo_and_is_lit_by_the_sky(sky, gain, sure):
+    assert CastShadow(np.zeros((2, 2)), 1.0, np.array(sky), gain).is_sure == sure
 
 
 def test_pixels_outside_a_mask_do_not_count():
