@@ -75,7 +75,7 @@ class OpenTexture:
 
 
 class _Made(NamedTuple):
-    """What a texture file holds: the specs of its parts, its number of levels, and its pixels.
+    """The specs of a file's parts, its number of levels, and its pixels.
 
     `pixels`: (part, level, window, session) -> (height, width, channels).
     """
