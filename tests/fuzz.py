@@ -44,7 +44,7 @@ BESIDE = ("s.json", "s.exr", "s.npz", "s.gif", "s.mp4", "none/s.json", "a.png", 
 # what changes the process, would take a device or a thread pool of its own, or rightly never ends
 _LEFT_OUT = {
     "--device", "--devices", "--threads", "--parallel-frames", "--oiioattrib", "--completion", "--help", "--create-dir",
-    "--while", "--for", "--endwhile", "--endfor", "--colorconfig", "--testread", "--cache-clear", "--manpage",
+    "--while", "--for", "--endwhile", "--endfor", "--colorconfig", "--testread", "--cache-clear",
 }  # fmt: skip
 VALUES = (
     "", "0", "1", "-1", "0.5", "2", "3", "8", "1e39", "nan", "inf", "1,2,3", ",", "3x3", "4x5+1-2", "0x0", "-3x3", "9x",

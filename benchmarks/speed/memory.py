@@ -49,7 +49,6 @@ LINES = (  # SIDE is the side of a large image. A line may read what an earlier 
     "labeled.exr --texlabelview -o out.png",
     "labeled.exr --texcontent -o out.png",
     "labeled.exr --texpalette -o out.png",
-    "top.exr bottom.exr --texjoin -o out.exr",
     "photo.tif other.tif --iscolorspace sRGB third.tif --iscolorspace sRGB --texcapture:lights=0,1,1,-1,-.5,1,1,-.5,1"
     " -d half -o out.exr",
     "photo.tif region.tif --texfill -d uint8 -o out.tif",
@@ -67,10 +66,8 @@ LINES = (  # SIDE is the side of a large image. A line may read what an earlier 
     "512.png --texpatchmatch:size=SIDExSIDE -d uint8 -o out.tif",
     "512.png --texstationarize:size=SIDExSIDE -d uint8 -o out.tif",
 )
-PREPARED = (  # small ones, and crops, by the program itself
+PREPARED = (  # small ones, by the program itself
     "512.png --texlabel:photo=1 -o labels512.exr",
-    "photo.tif --crop SIDExHALF+0+0 -o top.exr",
-    "photo.tif --crop SIDExHALF+0+HALF -o bottom.exr",
 )
 _BAND = 64  # rows of a tile
 
@@ -187,7 +184,7 @@ def main() -> None:
     print(HEAD)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        size = {"SIDE": str(given.side), "HALF": str(given.side // 2)}
+        size = {"SIDE": str(given.side)}
         write_images(folder, given.side)
         for line in PREPARED:
             watched([*PROGRAM, *_filled(line, size)], folder, given.limit)

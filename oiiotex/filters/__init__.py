@@ -20,7 +20,7 @@ _GROUPS = {  # the name of each filter and the class that declares it, in the or
     "Texture synthesis": {
         "stationarize": "Stationarize", "synth": "Synth", "quilt": "Quilting", "cut": "Cut",
         "patchmatch": "PatchMatch", "transition": "Transition", "composite": "Composite", "paint": "Paint",
-        "atlas": "Atlas", "zoom": "Zoom", "graph": "ExemplarGraph", "join": "Join", "fill": "Fill",
+        "atlas": "Atlas", "zoom": "Zoom", "graph": "ExemplarGraph", "fill": "Fill",
     },
     "Texture preparation and material maps": {
         "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "capture": "Capture",

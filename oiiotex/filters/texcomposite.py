@@ -58,7 +58,6 @@ class Composite(Reported, Quilted):
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    guideweight: ClassVar[float] = 1.0  # type: ignore[misc]  # the guide is its own
     search: str = param(RANDOM, choices=tuple(SEARCHES), help=SEARCH_HELP, advanced=True)
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 

@@ -44,7 +44,6 @@ class Dominant(InLab, ScanThenMap):
         Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
         Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
         Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="facts"),
-        Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
     )
 
     source: Image = image(help="Photo to mask.")
@@ -68,12 +67,6 @@ class Dominant(InLab, ScanThenMap):
         example="facts.json",
         help="JSON file with diagnostics: the curve by which the kernel size was chosen, thresholds and iterations.",
     )
-    chart: Path | None = param(
-        None,
-        example="chart.png",
-        help="Image file with diagnostic plots: the curve by which the kernel size was chosen, and density against"
-        " heat.",
-    )
 
     def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared outputs."""
@@ -96,15 +89,4 @@ class Dominant(InLab, ScanThenMap):
             self.flag(), self.source, self.working_space, session.resources, session.progress,
             allowed=allowed, patch=self.patch, paper=self.paper,
         )  # fmt: skip
-
-        def chart() -> np.ndarray:
-            from ..surfaces.charts.dominant_chart import diagnostics
-
-            return diagnostics(dominant.texture)
-
-        return {
-            "dominant": dominant.part,
-            "score": lambda: dominant.score,
-            "facts": dominant.facts,
-            "chart": chart,
-        }
+        return {"dominant": dominant.part, "score": lambda: dominant.score, "facts": dominant.facts}

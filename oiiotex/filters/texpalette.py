@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -23,7 +22,6 @@ from ..engine.io.paint_palette import Swatch
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..engine.session.resources import Resources
-from ..surfaces.charts.paint_chips import paint_chips
 from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
 from ..synthesis.exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
 from ..synthesis.patchmatch.optimization import synthesize
@@ -44,7 +42,7 @@ class Palette(LabeledExemplar, InBands):
     finer level (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
     Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13 and 14). The largest label is on top. facts=FILE writes
     the table for `paint`: id, name, paint color, area, parent, children and position in the chart of each label.
-    paints=FILE writes the colors as a palette for painting programs, and `chips` draws them.
+    paints=FILE writes the colors as a palette for painting programs.
     """
 
     example: ClassVar[str] = """\
@@ -55,7 +53,6 @@ class Palette(LabeledExemplar, InBands):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("palette", Kind.PIXELS, "Rows of texture, copied from the photo, in its own color space and type."),
         ST,
-        Output("chips", Kind.PICTURE, "Paint colors with ids and names, laid out like the palette.", asked_by="chips"),
         Output(
             "paints", Kind.PAINTS, "Named paint colors for GIMP, Krita and Inkscape, or Photoshop.", asked_by="paints"
         ),
@@ -67,10 +64,6 @@ class Palette(LabeledExemplar, InBands):
     seed: ClassVar[int] = 0  # type: ignore[misc]  # a chart has one
     panel: int = param(96, ge=16, le=1024, unit="px", help="Height of a row.")
     maxlabels: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
-    chips: bool | Path = param(
-        False,
-        help="Paint colors with ids and names. 1: append them as part 'chips'; a file name: write them to that file.",
-    )
     paints: Path | None = param(
         None, example="paints.gpl", help="File for the paint colors (.gpl or .aco), to load into a painting program."
     )
@@ -123,10 +116,9 @@ class Palette(LabeledExemplar, InBands):
             progress.advance(n + 1, len(boxes))
         self.say_what_stays()
         table = {"level": labels.level, "labels": shown, "finer": below}
-        chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
         paints = [Swatch(entry["name"], *map(int, entry["color"].split(","))) for entry in (*shown, *below)]
         copied = source.parts("palette", self.in_any_order(photo, in_memory), by_rows=not in_memory)
-        return copied | {"chips": chips, "paints": paints, "facts": table}
+        return copied | {"paints": paints, "facts": table}
 
     def holds_photo(self, facts: Facts) -> bool:
         """Whether the photo and its Lab values are held in memory."""

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from ..analysis.regularity.courses import Courses
 from ..analysis.regularity.lattice import Lattice
 from ..engine.color.lab_grid import FINE_STEPS
-from ..engine.core.attributes import PLANE, WINDOW, note
+from ..engine.core.attributes import WINDOW, note
 from ..engine.core.image import Part, spec_beside
 from ..engine.core.op import Kind, Output, Plan, no_pixels
 from ..engine.core.parameters import Size, param
@@ -154,15 +154,12 @@ class Synth(Multiscale, Structured, Flattened):
         if self.quilted:
             settings = self._quilted(plane, settings, original, session)
         maker = self.maker(plane, settings, resources)
-        is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
-        key = plane.key(settings, level) if self.resume or is_crop else ""
-        states = States(resources, maker, level, window, display or window, key if self.resume else "")
+        key = plane.key(settings, level) if self.resume else ""
+        states = States(resources, maker, level, window, display or window, key)
 
         def describe(spec: oiio.ImageSpec) -> None:
             spec.attribute("oiiotex:level", level)
             note(spec, "oiiotex:seed", settings.seed)
-            if is_crop:
-                spec.attribute(PLANE, key)
 
         texture = replace(plan.results["texture"].respecced(describe), fetch=lambda w: plane.pixels(states.read(w)))
         results = {"texture": texture, **self._maps(plane, states, plan.results)}

@@ -67,7 +67,7 @@ def forms(op: type[Op]) -> tuple[Form, ...]:
     flags = {p.name: p for p in op.parameters() if p.name in asked and bool in (p.kind or ())}
     # the call alone does not determine the number of parts of outputs that may be several or none
     certain = [n for n in flags if not asked[n].name.endswith(".N") or asked[n].of]
-    plain = SINGLE if not (op.main().name.endswith(".N") or _passes_on(op)) else f"{SINGLE} | {PARTS}"
+    plain = SINGLE if not op.main().name.endswith(".N") else f"{SINGLE} | {PARTS}"
     several = _several(op)
     alone = {name: "Literal[1]" if name in {p.name for p in op.parameters()} else "tuple[()]" for name in several}
     if "onepart" in {p.name for p in op.parameters()}:  # one part for many
@@ -79,11 +79,6 @@ def forms(op: type[Op]) -> tuple[Form, ...]:
     ways = [Form(quiet | alone | one_part, (), plain)]
     ways += [Form({name: "Literal[True]"} | alone, (name,), PARTS) for name in certain]
     return (*(form for form in ways if form.returns != last), Form({}, (), last))
-
-
-def _passes_on(op: type[Op]) -> bool:
-    """Whether it passes all parts of its images on."""
-    return all(image.many for image in op.images()) and not op.parameters()
 
 
 def _several(op: type[Op]) -> tuple[str, ...]:

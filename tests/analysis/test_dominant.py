@@ -19,7 +19,6 @@ from oiiotex.engine import errors
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import Progress
-from oiiotex.surfaces.charts import dominant_chart
 from tests import pictures
 from tests.analysis.test_labels import buffer
 from tests.conftest import load, oiiotex, save
@@ -76,34 +75,6 @@ def test_parts_attributes_and_json(tmp_path):
     assert facts["share"] == pytest.approx(specs[1].get_float_attribute("oiiotex:share"))
     assert len(facts["types"]) == 4
     assert sum(facts["types"]) == facts["texels"] and facts["rounds"] and len(facts["curve"]) > 50
-
-
-def test_the_chart_draws_the_curve_the_types_and_the_thresholds():
-    _, picture, _ = composite(3)
-    found = diffusion.dominant_texture(seen_as(picture, Session()), Session().resources, Progress(), step=3)
-    drawn = dominant_chart.diagnostics(found)
-    assert drawn.shape == (dominant_chart.HEIGHT, 2 * dominant_chart.WIDTH, 3)
-    panel = dominant_chart.heat_panel(found)
-    rows, columns = panel.place(found.heat, np.log10(found.density))
-    assert np.diff(columns)[np.diff(found.heat) > 0].min() >= 0 and np.diff(rows)[np.diff(found.density) > 0].max() <= 0
-    kinds = np.unique(found.types)
-    assert len(kinds) > 1 and diffusion.DOMINANT in kinds
-    for kind in kinds:
-        assert (
-            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominant_chart.COLORS[kind]
-        ).all(-1).mean() > 0.3
-    warmest = columns[found.types == diffusion.DOMINANT]
-    _, line = panel.place(np.array(found.rounds[-1].heat), np.array(0.0))
-    assert warmest.min() >= line and (columns < line).any()
-    curve = dominant_chart.curve_panel(found)
-    at = curve.place(*found.kernel.curve.T)
-    assert (curve.pixels[at] < 0.8).any(-1).all()  # ink or tangent under every point
-
-
-def test_the_chart_of_what_has_no_curve(tmp_path):
-    for picture in (np.full((20, 20, 3), 0.4), np.random.default_rng(0).random((40, 40, 3)), np.zeros((1, 1, 3))):
-        filters.dominant(buffer(picture, ()), chart=tmp_path / "chart.png")
-        assert load(tmp_path / "chart.png").shape[1] == 2 * dominant_chart.WIDTH
 
 
 def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What people paint with: chips with names, palettes for painting programs, names that reach Cryptomatte."""
+"""What people paint with: palettes for painting programs, names that reach Cryptomatte."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from oiiotex.engine.io.reading import read
 from oiiotex.filters.texpalette import Palette
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
-from tests.any_filter import pixels
 from tests.conftest import save
 from tests.engine.test_label_map import part
 from tests.synthesis.test_painting import photo
@@ -28,10 +27,9 @@ from tests.synthesis.test_painting import photo
 def made(tmp_path_factory):
     """The palette of a photo with two levels of labels, and all that lies beside it."""
     folder = tmp_path_factory.mktemp("paints")
-    results = {}
     for suffix in ("gpl", "aco"):
-        results = filters.palette(photo(), panel=48, chips=True, paints=folder / f"p.{suffix}", facts=folder / "p.json")
-    return results, json.loads((folder / "p.json").read_text()), folder
+        filters.palette(photo(), panel=48, paints=folder / f"p.{suffix}", facts=folder / "p.json")
+    return json.loads((folder / "p.json").read_text()), folder
 
 
 def entries(facts) -> list[tuple[str, list[int]]]:
@@ -61,7 +59,7 @@ def swatches(data: bytes) -> dict[int, list[tuple[str, list[int]]]]:
 
 
 def test_gimp_reads_colors_and_names(made):
-    _, facts, folder = made
+    facts, folder = made
     lines = (folder / "p.gpl").read_text().splitlines()
     assert lines[:4] == ["GIMP Palette", "Name: p", "Columns: 0", "#"]
     found = [(name, [int(n) for n in color.split()]) for color, name in (line.split("\t") for line in lines[4:])]
@@ -69,7 +67,7 @@ def test_gimp_reads_colors_and_names(made):
 
 
 def test_photoshop_reads_colors_and_names(made):
-    _, facts, folder = made
+    facts, folder = made
     lists = swatches((folder / "p.aco").read_bytes())
     assert lists[2] == entries(facts)
     assert [color for _, color in lists[1]] == [color for _, color in entries(facts)]
@@ -89,19 +87,6 @@ def test_a_palette_that_cannot_be_written_is_refused_before_the_work(tmp_path, m
     monkeypatch.setattr(Palette, "plan", pytest.fail)
     with pytest.raises(errors.ImageError, match=said):
         filters.palette(photo(), paints=tmp_path / name)
-
-
-def test_chips_lie_as_the_swatches_and_have_text_in_them(made):
-    results, facts, _ = made
-    chips = pixels(results["chips"])
-    assert chips.shape[:2] == pixels(results["palette"]).shape[:2]
-    for entry in (e for e in (*facts["labels"], *facts["finer"]) if "box" in e):
-        left, top, width, height = entry["box"]
-        chip = np.rint(chips[top : top + height, left : left + width] * (255 if chips.max() <= 1 else 1))
-        color = [int(n) for n in entry["color"].split(",")]
-        plain = (np.abs(chip - color) <= 1).all(-1)
-        assert 0.5 < plain.mean() < 0.995  # the rest is text
-        assert plain[0].all() and plain[-1].all() and plain[:, 0].all() and plain[:, -1].all()
 
 
 # --- names ---

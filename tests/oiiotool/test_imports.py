@@ -95,7 +95,6 @@ def named(*filters: str) -> set[str]:
         (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, FILTER | named("stationarize"), set()),
         (["photo.png", "--threads", "few", "-o", "x.exr"], 1, LINE, {"mmh3"}),
         (["--help", "all"], 0, ALL | named(*(op.name for op in filters.OURS)), {"mmh3"}),
-        (["--manpage"], 0, ALL | named(*(op.name for op in filters.OURS)), {"mmh3"}),
         (["--completion", "bash"], 0, ALL | named(*(op.name for op in filters.OURS)), {"mmh3"}),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -173,20 +173,6 @@ def test_completion_in_fish():
         assert wanted in subprocess.run(["fish", "-c", probe], capture_output=True, text=True).stdout
 
 
-def test_the_manual_names_every_op_and_option():
-    text = shells.manual()
-    for flag, *_ in shells.declarations():
-        assert f".B {flag}".replace("-", "\\-") in text
-    assert all(not line.startswith("'") for line in text.splitlines())
-
-
-@pytest.mark.skipif(not shutil.which("groff"), reason="no groff")
-def test_groff_takes_the_manual():
-    done = subprocess.run(["groff", "-man", "-Tutf8", "-ww"], input=shells.manual(), capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "texture filters in an oiiotool-style chain" in done.stdout
-
-
 def test_the_program_alone_and_help_print_one_screen_of_lines_to_copy():
     done = oiiotex()
     lines = done.stdout.splitlines()

@@ -24,7 +24,6 @@ SIDE = 30_000
 # what reads first, and why it may
 READS = {
     "graph": "exemplars are reduced to `side` as they are read",
-    "join": "its map's values are looked through in bands, and none are held",
     "labelview": "every so many-th row is read, into a sheet of a fixed size",
     "warp": "the map of coordinates is materialized: in memory where it is small, else in a file",
     "estimateroughness": "bands, and a coarse grid",

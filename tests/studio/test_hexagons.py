@@ -11,12 +11,12 @@ from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.hexes import LEAST, hex_measures, write_hexes
 from oiiotex_studio.library.upkeep import check
 from oiiotex_studio.materials.documents import Described, materialx_faults, write_materialx
+from oiiotex_studio.materials.hexagons import blended, gaussianized, hexagons, judged
 from oiiotex_studio.recipes.recipe import Deliver
 
 from oiiotex.engine.core.image import from_array, tagged
 from oiiotex.engine.errors import ParameterError
 from oiiotex.engine.session import Session
-from oiiotex.surfaces.charts.hexagons import blended, gaussianized, hexagons, judged
 from oiiotex.synthesis.wang.viewer import shader
 from tests import pictures
 from tests.any_filter import buffer

@@ -20,8 +20,9 @@ import pytest
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex-studio)")
 
+from oiiotex_studio.live.display import shown_by, usual_view, views
+
 from oiiotex.engine.color.config import ColorConfig, as_float
-from oiiotex.engine.color.display import shown_by, usual_view, views
 from tests import pictures
 from tests.browser import Served, chromium, copied_text, end_resident, resident_pid, watch_clipboard
 from tests.conftest import load, oiiotex, save

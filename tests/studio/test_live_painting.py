@@ -19,13 +19,13 @@ from oiiotex_studio.live.painting.palette import (
     require_replaceable,
     step_facts,
 )
+from oiiotex_studio.live.painting.plans import changed_box
 from oiiotex_studio.live.painting.steps import Steps, fine_of, paintings_in
 
 from oiiotex import filters
 from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.io.reading import read
-from oiiotex.synthesis.quilting.painted_plans import changed_box
 from tests.conftest import save
 from tests.faults import full_disk
 from tests.synthesis import test_painting

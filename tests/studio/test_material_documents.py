@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from oiiotex_studio.materials import blender_catalogs, documents, shaded, wang_documents
 from oiiotex_studio.materials import preview as pictures
+from oiiotex_studio.materials.hexagons import gaussianized
 
 from oiiotex.engine import errors
 from oiiotex.surfaces.charts import lighting
-from oiiotex.surfaces.charts.hexagons import gaussianized
 from tests import pictures as drawn
 
 

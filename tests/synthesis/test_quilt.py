@@ -65,7 +65,8 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path, monkeypatch):
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
     monkeypatch.setattr(quilt_job, "FREE_USES", 1e9)
-    values = {"size": (400, 240), "st": True, "guideweight": 0.0}
+    monkeypatch.setattr(quilt_job, "Rules", functools.partial(Rules, guidance=0.0))
+    values = {"size": (400, 240), "st": True}
     made = filters.quilt(labeled(), guide=guide, palette=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)

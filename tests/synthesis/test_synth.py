@@ -85,6 +85,15 @@ def test_what_a_pixel_is_does_not_hang_on_the_window_it_is_asked_with(folder):
     np.testing.assert_array_equal(load(folder / "free.exr")[20:, 30:], whole[:30, :30])
 
 
+def test_windows_are_pasted_into_the_whole(folder):
+    """The line of the docs, with windows in any order."""
+    run_in(folder, "photo.png", "--texsynth:size=70x48", "-o", "one.exr")
+    for n in range(3):
+        run_in(folder, "photo.png", f"--texsynth:size=70x48:window=70x16+0+{16 * n}", "-o", f"{n}.exr")
+    run_in(folder, "2.exr", "0.exr", "1.exr", "--paste:mergeroi=1:all=1", "+0+0", "-o", "pasted.exr")
+    np.testing.assert_array_equal(load(folder / "pasted.exr"), load(folder / "one.exr"))
+
+
 def test_windows_far_away_and_far_down(folder):
     far = 1 << 40
     run_in(folder, f"--texsynth:graph=loop.json:lod=60:window=40x30+{far}-{far}", "-o", "a.exr")

@@ -26,7 +26,6 @@ ESTIMATE = "oiiotex:estimate"  # of estimated maps: the method
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
 WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane
 PROVISIONAL = "oiiotex:provisional"  # of parts whose windows, channels or number are not final
-PLANE = "oiiotex:plane"  # of a crop of one: key of the settings that determine its pixels
 
 _OF_COLORS = (  # what a file says of its colors, in addition to TAG
     "colorInteropID", "chromaticities", "whiteLuminance", "ICCProfile", "ICCProfile:.*", "CICP", "Exif:ColorSpace",

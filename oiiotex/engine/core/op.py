@@ -11,7 +11,7 @@ import contextlib
 import enum
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FunctionType
@@ -231,6 +231,19 @@ class Op:
         """Number of images after the first."""
         further = cls.further_images()
         return 0 if further is None else len(values.get(further.count) or (None,)) - 1
+
+    @classmethod
+    def with_images(cls, images: Sequence[Any], values: dict[str, Any]) -> dict[str, Any]:
+        """Its fields: values, and images that are not optional: the first, the further ones, then the other ones."""
+        slots, further = cls.images(), cls.further_images()
+        if len(slots) == 1 and slots[0].many:
+            return values | {slots[0].attribute: tuple(images)}
+        count = 1 + cls.further_count(values)
+        fields: dict[str, Any] = values | dict.fromkeys(slot.attribute for slot in slots)
+        if further is not None:
+            fields[further.attribute] = tuple(images[1:count])
+        taken = (slot.attribute for slot in cls.taken(values))
+        return fields | dict(zip(taken, (*images[:1], *images[count:]), strict=True))
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:

@@ -65,7 +65,12 @@ def write(
             if out.format_name() in _AT_CLOSE and len(image.parts) == 1:
                 _write_whole(out.format_name(), way, path, image.first, specs[0][0], advance)
             else:
-                _write_rows(out, way, path, image, specs, advance)
+                try:
+                    _write_parts(out, way, path, image, specs, advance)
+                finally:
+                    closed = out.close()
+                if not closed:
+                    raise ImageError(f"{path}: {_error_text(out, way, path)}")
         format_name = out.format_name()
         del out  # a MIP-mapped EXR is finished only now
         if not temporary.stat().st_size:
@@ -186,22 +191,6 @@ def _write_whole(
             advance(window.bottom - part.window.top, spec.height)
     if not present(whole).write(str(temporary), spec.format, format_name):
         raise ImageError(f"{path}: cannot be written: {_error_text(present(whole), temporary, path)}")
-
-
-def _write_rows(
-    out: oiio.ImageOutput,
-    temporary: Path,
-    path: Path,
-    image: Image,
-    specs: list[list[oiio.ImageSpec]],
-    advance: Callable[[int, int], object] | None,
-) -> None:
-    try:
-        _write_parts(out, temporary, path, image, specs, advance)
-    finally:
-        closed = out.close()
-    if not closed:
-        raise ImageError(f"{path}: {_error_text(out, temporary, path)}")
 
 
 def _write_parts(

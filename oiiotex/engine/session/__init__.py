@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Unpack
+from typing import Any
 
 from .progress import Onlooker, Progress, Say, Tell
 from .resources import Resources
-from .settings import Changes, Settings
+from .settings import Settings
 
 
 class Session:
@@ -36,7 +36,7 @@ class Session:
         look: Onlooker | None = None,
         say: Say | None = None,
         measure: bool = False,
-        **settings: Unpack[Changes],
+        **settings: Any,
     ):
         self.resources = Resources(Settings(**settings))
         self.progress = Progress(progress, look, say, measure)
@@ -53,7 +53,7 @@ class Session:
         """The settings of the resources."""
         return self.resources.settings
 
-    def change(self, **settings: Unpack[Changes]) -> None:
+    def change(self, **settings: Any) -> None:
         """Change settings from now on; open resources stay open."""
         self.resources.settings = replace(self.settings, **settings)
 

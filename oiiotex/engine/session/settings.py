@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypedDict
 
 from ..machine import memory
 
@@ -44,17 +43,3 @@ class Settings:
     all_parts: bool = False
     profile: bool = False
     words: tuple[str, ...] = ()
-
-
-class Changes(TypedDict, total=False):
-    """Keywords of `Settings`."""
-
-    device_name: str | None
-    threads: int
-    budget: int
-    colorconfig: str | None
-    interchange: tuple[str, str] | None
-    autocc: bool
-    all_parts: bool
-    profile: bool
-    words: tuple[str, ...]

@@ -50,7 +50,7 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         "language.control:STATES": "-v --verbose --maxloop --no-error-exit --metamerge --sansattrib --autotile"
         " --experimental",
         "running.run_settings": "--device --devices --threads --cache --colorconfig --interchange -q --noprogress"
-        " --runstats --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
+        " --runstats --debug --version --completion --plugin-path --cache-info --cache-clear --help -h",
         "language.each": "--each",
         "language.sequences": "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames"
         " --parallel-frames",

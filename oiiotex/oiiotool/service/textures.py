@@ -9,9 +9,10 @@ several tiles, because the coarser levels of a window cost more than a small win
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...engine.core.attributes import EDGES, WINDOW
 from ...engine.core.demand import assembled
@@ -40,7 +41,7 @@ class OpenTexture:
     def __init__(self, text: str, session: Session):
         self._text, file = text, TextureFile.of_text(text)
         file.require_unchanged()
-        self._made = _kind_of(file)(file, session)
+        self._made = _made(file, session)
         self.specs, self.levels = self._made.specs, self._made.levels
         tile = tile_side(self.spec.width, self.spec.height)
         for spec in self.specs:
@@ -73,98 +74,62 @@ class OpenTexture:
         return assembled(window, (self._side, self._side), _PLANE, block)
 
 
-class _EndlessTexture:
+class _Made(NamedTuple):
+    """The specs of a file's parts, its number of levels, and its pixels.
+
+    `pixels`: (part, level, window, session) -> (height, width, channels).
+    """
+
+    specs: list[oiio.ImageSpec]
+    levels: int
+    pixels: Callable[[int, int, Window, Session], np.ndarray]
+
+
+def _made(file: TextureFile, session: Session) -> _Made:
+    if file.indexed:
+        return _of_parts(file.indexed, _opened(file.indexed, file, session).parts)
+    if file.tiles:
+        tiles = _opened(file.tiles, file, session)
+        plane = TilePlane(tiles, file.seed or 0)
+        return _Made([_spec_of(tiles.first, file)], 1, lambda _part, _level, place, _session: plane.pixels(place))
+    if file.plan:  # rendered as by --texquilt:fromplan
+        quiet = session.telling(Progress())  # the part outlives the job that opens it
+        op = _use("quilt", exemplar=_opened(file.photo or "", file, session), fromplan=Path(file.plan))
+        return _of_parts(file.plan, (op.make(op.plan(quiet.resources), quiet)["quilt"],))
+    return _endless(file, session)
+
+
+def _endless(file: TextureFile, session: Session) -> _Made:
     """A plane of --texsynth. Levels coarser than its level 0, whose pixels cover an exemplar, have a single color."""
+    photo = None if file.photo is None else _opened(file.photo, file, session)
+    whole = _use("synth", exemplar=photo, graph=Path(file.graph) if file.graph else None, seed=file.seed, lod=file.lod)
 
-    def __init__(self, file: TextureFile, session: Session):
-        photo = None if file.photo is None else _opened(file.photo, file, session)
-        graph = Path(file.graph) if file.graph else None
-        self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, lod=file.lod)
-        first = self._part(Window(0, 0, 1, 1), session, file.lod)
-        self._finest = first.spec.get_int_attribute("oiiotex:level")
-        self.specs = [_spec_of(first, file)]
-        self.levels = max(file.width, file.height).bit_length()  # down to one pixel
-
-    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
-        """The pixels of a window of a level."""
-        if level > self._finest:
-            pixel = self.pixels(part, self._finest, Window(0, 0, 1, 1), session)
-            return np.broadcast_to(pixel, (place.height, place.width, pixel.shape[2]))
-        plane = self._part(place, session, self._finest - level)
-        return plane.read(plane.window)
-
-    def _part(self, place: Window, session: Session, lod: int | None) -> Part:
-        window = f"{place.width}x{place.height}{place.left:+d}{place.top:+d}"
-        op = replace(self._op, window=window, lod=lod)
+    def rendered(place: Window, session: Session, lod: int | None) -> Part:
+        op = replace(whole, window=f"{place.width}x{place.height}{place.left:+d}{place.top:+d}", lod=lod)
         part: Part = op.make(op.plan(session.resources), session)["texture"]
         return part
 
+    first = rendered(Window(0, 0, 1, 1), session, file.lod)
+    finest = first.spec.get_int_attribute("oiiotex:level")
 
-class _QuiltTexture:
-    """A plan, rendered as by --texquilt:fromplan. It has one level; hosts can make further ones."""
+    def pixels(part: int, level: int, place: Window, session: Session) -> np.ndarray:
+        if level > finest:
+            pixel = pixels(part, finest, Window(0, 0, 1, 1), session)
+            return np.broadcast_to(pixel, (place.height, place.width, pixel.shape[2]))
+        plane = rendered(place, session, finest - level)
+        return plane.read(plane.window)
 
-    levels = 1
-
-    def __init__(self, file: TextureFile, session: Session):
-        quiet = session.telling(Progress())  # the part outlives the job that opens it
-        exemplar = _opened(file.photo or "", file, session)
-        op = _use("quilt", exemplar=exemplar, fromplan=Path(file.plan or ""))
-        self._part: Part = op.make(op.plan(quiet.resources), quiet)["quilt"]
-        self.specs = [oiio.ImageSpec(self._part.spec)]
-        _require_countable(file.plan, self._part)
-
-    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
-        """The pixels of a window, black outside the image."""
-        return _or_black(self._part, place)
+    return _Made([_spec_of(first, file)], max(file.width, file.height).bit_length(), pixels)  # down to one pixel
 
 
-class _IndexedTexture:
-    """The maps of an indexed image. They have one level; hosts can make further ones."""
-
-    levels = 1
-
-    def __init__(self, file: TextureFile, session: Session):
-        self._parts = _opened(file.indexed or "", file, session).parts
-        self.specs = [oiio.ImageSpec(part.spec) for part in self._parts]
-        for spec in self.specs:
-            spec.channelformats = ()
-        _require_countable(file.indexed, self._parts[0])
-
-    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
-        """The pixels of a window, black outside the image."""
-        return _or_black(self._parts[part], place)
-
-
-class _TilesTexture:
-    """Tiles arranged side by side. They have one level."""
-
-    levels = 1
-
-    def __init__(self, file: TextureFile, session: Session):
-        tiles = _opened(file.tiles or "", file, session)
-        self._plane = TilePlane(tiles, file.seed or 0)
-        self.specs = [_spec_of(tiles.first, file)]
-
-    def pixels(self, part: int, level: int, place: Window, session: Session) -> np.ndarray:
-        """The pixels of a window."""
-        return self._plane.pixels(place)
-
-
-def _kind_of(file: TextureFile) -> type[_EndlessTexture | _QuiltTexture | _IndexedTexture | _TilesTexture]:
-    if file.indexed:
-        return _IndexedTexture
-    return _QuiltTexture if file.plan else _TilesTexture if file.tiles else _EndlessTexture
-
-
-def _or_black(part: Part, place: Window) -> np.ndarray:
-    """The pixels of a window, black outside the part."""
-    return cropped(part, place).read(place)
-
-
-def _require_countable(name: str | None, part: Part) -> None:
-    """Raise ImageError if a cache of OpenImageIO cannot count the tiles."""
-    if not tile_side(part.spec.width, part.spec.height):
+def _of_parts(name: str, parts: Sequence[Part]) -> _Made:
+    """Parts, black outside. They have one level; hosts can make further ones."""
+    if not tile_side(parts[0].spec.width, parts[0].spec.height):  # a cache of OpenImageIO cannot count the tiles
         raise ImageError(f"{name}: too large: expected at most 2^48 px in total")
+    specs = [oiio.ImageSpec(part.spec) for part in parts]
+    for spec in specs:
+        spec.channelformats = ()
+    return _Made(specs, 1, lambda part, _level, place, _session: cropped(parts[part], place).read(place))
 
 
 def _use(name: str, **values: Any) -> Any:

@@ -117,23 +117,17 @@ def bound(asked: dict[str, Any], given: list[Image], optional: dict[str, Image])
     name = op.name
     values = {p.attribute: p.parse(words.pop(p.name)) for p in op.arguments() if p.name in words}
     values |= parse_modifiers(op, words)
-    declared, further = op.taken(values), op.further_images()
-    images: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
-    if len(declared) == 1 and declared[0].many:
-        images[declared[0].attribute] = tuple(given)
-    else:
-        count = 1 + op.further_count(values)
-        if len(given) != len(declared) + count - 1:
-            raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
-        if further is not None:
-            images[further.attribute] = tuple(given[1:count])
-        images |= {i.attribute: image for i, image in zip(declared, (*given[:1], *given[count:]), strict=True)}
+    taken = op.taken(values)
+    count = len(given) if len(taken) == 1 and taken[0].many else len(taken) + op.further_count(values)
+    if len(given) != count:
+        raise ParameterError(f"{name} takes {count} image(s), not {len(given)}")
     slots = {i.name: i for i in op.optional_images()}
+    images = {i.attribute: None for i in slots.values()} | op.with_images(given, values)
     for key, image in optional.items():
         if key not in slots:
             raise ParameterError(f"{name}: unknown image parameter '{key}'{nearest(key, slots)}")
         images[slots[key].attribute] = image
-    return op(**images | values)
+    return op(**images)
 
 
 def op_named(name: str) -> type[Op]:

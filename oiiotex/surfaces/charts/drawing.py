@@ -60,12 +60,10 @@ class Sheet:
         """Draw a line between two pixels, one pixel wide. sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, color, True)
 
-    def text(
-        self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
-    ) -> None:
-        """Draw a line of text, `size` px high. Without a font, nothing is drawn."""
+    def text(self, text: str, left: int, baseline: int) -> None:
+        """Draw a line of text. Without a font, nothing is drawn."""
         text = text.encode("utf-8", "replace").decode()  # file names can be invalid UTF-8
-        if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
+        if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, TEXT - 2, "", (INK,) * 3):
             self._buffer.geterror()
 
     def image(self) -> np.ndarray:

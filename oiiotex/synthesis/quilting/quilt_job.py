@@ -74,13 +74,6 @@ class Quilted(LabeledExemplar, Gather):
         unset="the labels' scale or, without labels, shorter side / 8, as a power of two; less if a label is rare",
         help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
     )
-    guideweight: float = param(
-        1.0,
-        ge=0,
-        le=100,
-        help="Weight of the guide's labels inside a patch, compared with"
-        " color. Increase it to follow the guide more closely.",
-    )
     labelmaps: bool = param(
         False, help="Append the label maps of the result as parts label.N, rearranged exactly as its pixels."
     )
@@ -192,7 +185,6 @@ class Sewing:
             candidates=_CANDIDATES[self.guide is not None],
             reach=min(4, patch // 16),
             reuse=FREE_USES,
-            guidance=self.op.guideweight,
         )
 
     def _grid(

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images: parts, windows, color spaces; reading and writing them; a session to compute in."""
 
-from oiiotex.engine.color.config import as_float
-from oiiotex.engine.color.display import Shown, shown_by, usual_view, views
+from oiiotex.engine.color.config import ColorConfig, as_float
 from oiiotex.engine.color.srgb import decoded, encoded, lab_of_linear
 from oiiotex.engine.core.attributes import PARAMETERS, TAG
 from oiiotex.engine.core.demand import resized

@@ -2,18 +2,9 @@
 """Materials: label maps, handedness of normals, atlases of Wang tiles, pictures of tiles."""
 
 from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
+from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.surfaces.capture.convention import convention_of
 from oiiotex.surfaces.charts.drawing import shown_pixels
-from oiiotex.surfaces.charts.hexagons import (
-    BLENDABLE,
-    EXPONENT,
-    GRID,
-    STREAM,
-    HexMap,
-    blended,
-    gaussianized,
-    judged,
-)
 from oiiotex.surfaces.charts.lighting import (
     FLAT,
     GROUND,
@@ -22,9 +13,11 @@ from oiiotex.surfaces.charts.lighting import (
     SKY,
     LitMaterial,
     as_vectors,
+    bilinear,
     unit_normals,
 )
 from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
+from oiiotex.synthesis.quality.fidelity import LEAST, Fidelity, JudgedPhoto
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
 from oiiotex.synthesis.wang.plane import CELLS, index_image
 from oiiotex.synthesis.wang.transition import LAYOUT as TRANSITION_LAYOUT

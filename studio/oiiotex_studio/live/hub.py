@@ -23,17 +23,15 @@ from ..api.images import (
     Image,
     Part,
     Session,
-    Shown,
     Window,
     as_float,
     channels_of,
     resized,
-    shown_by,
-    views,
     write,
 )
 from ..api.painting import AUTOMATIC, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, release_folder, spec_of
+from .display import Shown, shown_by, views
 from .document import INNER, Document
 from .lines import output_name, type_in
 from .pages import Page, Pages, gesture_of

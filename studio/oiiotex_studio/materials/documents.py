@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from oiiotex.engine.errors import Error, reason_of
 
 from ..api.files import checked_name
-from ..api.materials import ROUGHNESS, HexMap
+from ..api.materials import ROUGHNESS
+from .hexagons import HexMap
 from .naming import COLORS
 from .nodes import Hexagons, node_of
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from oiiotex.engine.deferred import np
 
-from ..api.materials import EXPONENT, GRID, STREAM, HexMap
+from .hexagons import EXPONENT, GRID, STREAM, HexMap
 
 
 def node_of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
@@ -21,7 +21,7 @@ def node_of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str
 
 
 class Hexagons:
-    """The three hexagons at a shading point: weights and texture coordinates, as `surfaces/charts/hexagons` has them.
+    """The three hexagons at a shading point: weights and texture coordinates, as `hexagons` has them.
 
     Parameters
     ----------

@@ -31,13 +31,12 @@ from ..api.materials import (
     LitMaterial,
     area_means,
     as_vectors,
-    blended,
-    gaussianized,
     plane_in_perspective,
     repeated,
     shown_pixels,
     unit_normals,
 )
+from .hexagons import blended, gaussianized
 
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 import OpenImageIO as oiio
 from scipy import ndimage
@@ -17,7 +14,7 @@ from oiiotex.analysis.dominant.diffusion import dominant_texture
 from oiiotex.analysis.dominant.refinement import refined_mask
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.session import Session
-from oiiotex.surfaces.charts.dominant_chart import COLORS, Plot
+from tools.docs.pictures.dominant_chart import COLORS, Plot, diagnostics
 from tools.docs.pictures.layout import (
     beside,
     draw,
@@ -96,21 +93,19 @@ def dominant_failures() -> None:
 
 
 def clean_quilt() -> None:
-    """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
+    """A photo, its dominant texture, a quilt of that alone, a quilt of the whole."""
     photo = test_photo("stained_plaster_wall.jpg", 384)
-    with tempfile.TemporaryDirectory() as folder:
-        parts = filters.dominant(photo, photo=True, chart=Path(folder) / "chart.png")
-        write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
-    mask = parts["dominant"]
+    mask = filters.dominant(photo, photo=True)["dominant"]
     quilts = [filters.quilt(photo, size=(384, 384), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
     left = np.where(mask.get_pixels(oiio.FLOAT) > 0.5, pixels(photo), 255).astype(np.uint8)
     write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
 
 
 def texel_points() -> None:
-    """LDR09 figure 4 (c): texels on their first three components, by density; and by type."""
+    """LDR09 figures 3 and 4: plots of how a texture was found; texels on their components, by density and by type."""
     session, photo = Session(), pixels(test_photo("stained_plaster_wall.jpg", 384))
     found = dominant_texture(seen_as(photo / 255.0, session), session.resources, session.progress)
+    write_jpeg(np.rint(255 * diagnostics(found)).astype(np.uint8), "dominant_chart.jpg")
     density = np.log(np.maximum(found.density, 1e-9))
     order = np.argsort(density)  # the dense ones above
     share = np.linspace(0, 1, len(order))[:, None]

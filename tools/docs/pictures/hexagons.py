@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import OpenImageIO as oiio
+from oiiotex_studio.materials.hexagons import blended, gaussianized
 
 from oiiotex.engine.color.srgb import decoded, encoded
-from oiiotex.surfaces.charts.hexagons import blended, gaussianized
 from oiiotex.surfaces.charts.tile_preview import repeated
 from tools.docs.pictures.layout import beside, draw, opened, stacked, write_jpeg
 

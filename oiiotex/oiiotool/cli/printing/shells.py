@@ -1,18 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Completion scripts for shells and the page for `man`, generated from the declarations."""
+"""Completion scripts for shells, generated from the declarations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
-from .... import __version__
-from ....engine.core.op import Op
-from ....engine.core.parameters import Parameter
 from ....engine.errors import ParameterError
-from ..language.parse import Option
-from ..vocabulary import LANGUAGE
 from .help import words
-from .report import call, declarations, description
+from .report import declarations
 
 _BASH = """\
 _oiiotex_modifiers() {{
@@ -83,67 +76,3 @@ def _fish(topics: str) -> str:
         text = help.replace("\\", "\\\\").replace("'", "\\'")
         options.append(f"complete -c oiiotex {kind} {flag.lstrip('-')}{takes} -d '{text}'")
     return _FISH.format(modifiers="\n".join(modifiers), options="\n".join(options), topics=topics)
-
-
-_EXIT = (
-    ("0", "Success."),
-    ("1", "An error, reported in one line on standard error; or compared images differ."),
-    ("3", "All files are written, and a measure exceeds a limit of the modifier fail."),
-    ("129, 130, 143", "Stopped by SIGHUP, SIGINT or SIGTERM."),
-)
-_ENVIRONMENT = (
-    ("OCIO", "The color config, unless --colorconfig is given."),
-    ("OIIOTEX_DEVICE", "The OpenCL device, unless --device is given."),
-    ("TMPDIR", "Folder for intermediate results that exceed the memory budget."),
-    ("XDG_CACHE_HOME", "Folder that contains the cache folder: see --cache-info."),
-)
-
-
-def manual() -> str:
-    """The program's page for `man`, in roff."""
-    lines = [
-        f'.TH OIIOTEX 1 "" "oiiotex {__version__}" "User Commands"',
-        ".ad l",  # no gaps before long words
-        ".SH NAME",
-        "oiiotex \\- texture filters in an oiiotool\\-style chain",
-        ".SH SYNOPSIS",
-        ".B oiiotex",
-        _roff("[IMAGE | --OP[:MODIFIER=VALUE...] [ARGUMENT...]]... -o FILE"),
-    ]
-    for heading, ops in LANGUAGE.ops.items():
-        lines += [f'.SH "{_roff(heading).upper()}"', *(line for op in ops for line in _op_lines(op))]
-    for heading, options in LANGUAGE.groups.items():
-        lines += [f'.SH "{_roff(heading).upper()}"', *(line for option in options for line in _option_lines(option))]
-    for heading, facts in (("EXIT STATUS", _EXIT), ("ENVIRONMENT", _ENVIRONMENT)):
-        lines += [f".SH {heading}", *(line for name, text in facts for line in _entry(name, text))]
-    return "\n".join(lines)
-
-
-def _op_lines(op: type[Op]) -> Iterator[str]:
-    paragraphs = [" ".join(piece.split()) for piece in description(op).split("\n\n")]
-    yield from _entry(call(op), paragraphs[0])
-    for paragraph in paragraphs[1:]:
-        yield from (".IP", _roff(paragraph))
-    yield from _modifier_lines(op.modifiers())
-
-
-def _option_lines(option: Option) -> Iterator[str]:
-    yield from _entry(option.call, option.help)
-    yield from _modifier_lines(option.parameters())
-
-
-def _modifier_lines(modifiers: Iterable[Parameter]) -> Iterator[str]:
-    yield ".RS"
-    for parameter in modifiers:
-        yield from _entry(f":{parameter.name}=", parameter.described(parameter.help))
-    yield ".RE"
-
-
-def _entry(name: str, text: str) -> tuple[str, ...]:
-    return ".TP", f".B {_roff(name)}", _roff(text)
-
-
-def _roff(text: str) -> str:
-    """A text for roff as one line, with its special characters escaped."""
-    text = " ".join(text.split()).replace("\\", "\\e").replace("-", "\\-")
-    return f"\\&{text}" if text[:1] in (".", "'") else text

@@ -21,7 +21,6 @@ _PRINTING = {  # options that print and end; '': without arguments
     "--plugin-path": "plugin_path.plugin_path",
     "--devices": "devices.device_list",
     "--completion": "shells.completion",
-    "--manpage": "shells.manual",
     "--cache-info": "caches.cache_info",
     "--cache-clear": "caches.cache_clear",
 }

@@ -24,7 +24,6 @@ OPTIONS = settings_of(
     ("--debug", "Print a traceback after an error"),
     ("--version", "Print the versions of the program and its libraries"),
     ("--completion SHELL", "Print a script that completes command lines in bash, zsh or fish"),
-    ("--manpage", "Print the manual page in roff, for man"),
     ("--plugin-path", "Print the folder of the plugin with which OpenImageIO reads .oiiotex files"),
     ("--cache-info", "Print the contents of the cache folder"),
     ("--cache-clear", "Empty the cache folder"),

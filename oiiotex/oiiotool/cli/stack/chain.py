@@ -266,26 +266,15 @@ class Chain:
         return self.stack[-1 - index]
 
     def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
-        """The values and the operands, by the names that the op declares.
-
-        Operands are, from the bottom up: the first image and the further ones, the other required ones, then
-        optional ones.
-        """
-        declared = op.images()
-        if len(declared) == 1 and declared[0].many:
-            return {declared[0].name: tuple(operands), **values}
-        waiting = iter(operands)
-        taken = op.taken(values)
-        bound, further = dict(values), op.further_images()
-        for n, parameter in enumerate(declared):
-            bound[parameter.name] = next(waiting) if parameter in taken else None
-            if n == 0 and further is not None:
-                bound[further.attribute] = tuple(next(waiting) for _ in range(op.further_count(values)))
-        for parameter in op.optional_images():
-            asked = values.get(parameter.attribute)
-            if asked is not None:
-                bound[parameter.attribute] = next(waiting) if asked is True else self._named(parameter, asked, operands)
-        return bound
+        """The values and the operands, which are, from the bottom up: images as of `Op.with_images`, optional ones."""
+        asked = {p: value for p in op.optional_images() if (value := values.get(p.attribute)) is not None}
+        count = len(operands) - sum(value is True for value in asked.values())
+        waiting = iter(operands[count:])
+        optional = {
+            parameter.attribute: next(waiting) if value is True else self._named(parameter, value, operands)
+            for parameter, value in asked.items()
+        }
+        return op.with_images(operands[:count], values) | optional
 
     def _named(self, parameter: Parameter, name: str, operands: list[Image]) -> Image:
         """The part of the first operand of that name, else the file."""

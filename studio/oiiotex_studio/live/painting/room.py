@@ -18,13 +18,13 @@ from oiiotex.engine.deferred import np
 from oiiotex.engine.errors import Error, ImageError, ParameterError
 
 from ...api.images import Window, as_float
-from ...api.painting import changed_box
 from ...api.service import BRUSH, LinkError
 from ..document import KEPT
 from ..hub import Hub
 from ..lines import line, word_of
 from ..pages import Page
 from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
+from .plans import changed_box
 from .sewing import LiveSewing
 from .steps import Steps, fine_of, paintings_in
 

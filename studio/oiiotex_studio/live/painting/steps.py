@@ -9,9 +9,9 @@ from pathlib import Path
 from oiiotex.engine.deferred import np
 
 from ...api.files import written
-from ...api.painting import regridded
 from ..numbered import make_folder, next_number, taken
 from .palette import COARSE, FINE
+from .plans import regridded
 
 _PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
 _MOST_OFFERED = 500
@@ -123,7 +123,7 @@ class Steps:
     # --- plans ---
 
     def enlarged(self, step: int, times: int, budget: int) -> Path:
-        """Write a plan for a painting `times` as large, next to the step's plan, by `painting.regridded`."""
+        """Write a plan for a painting `times` as large, next to the step's plan, by `plans.regridded`."""
         return self._written(self.plan(step).with_suffix(f".x{times}.npz"), regridded(self.plan(step), budget, times))
 
     def resized(self, step: int, size: tuple[int, int], budget: int) -> Path:

@@ -12,10 +12,11 @@ from pathlib import Path
 from oiiotex.engine.errors import Error
 
 from ...api.files import read_document
-from ...api.images import TAG, Image, Session, read, tagged, usual_view, views
+from ...api.images import TAG, Image, Session, read, tagged
 from ...api.painting import read_graph
 from ...api.service import reserved_folder
 from ...materials.naming import COLORS, read_name
+from ..display import usual_view, views
 from ..document import LEAST_PAINTED, Document, default_state
 from ..hub import Hub, MaterialMap, PageSource
 from ..painting.room import PaintRoom

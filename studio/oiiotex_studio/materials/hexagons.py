@@ -17,10 +17,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...engine.core.source_map import SourceMap
-from ...engine.deferred import np
-from ...synthesis.quality.fidelity import LEAST, Fidelity, JudgedPhoto
-from .lighting import bilinear
+from oiiotex.engine.deferred import np
+
+from ..api.materials import LEAST, Fidelity, JudgedPhoto, SourceMap, bilinear
 
 GRID = 2 * math.sqrt(3.0)  # hexagons to the tile's side
 EXPONENT = 7

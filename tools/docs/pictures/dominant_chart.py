@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
-from ...engine.deferred import np
-from .drawing import INK, PAPER, TEXT, Sheet
-
-if TYPE_CHECKING:
-    from ...analysis.dominant.diffusion import Dominance as DominantTexture
+from oiiotex.analysis.dominant.diffusion import Dominance
+from oiiotex.surfaces.charts.drawing import INK, PAPER, TEXT, Sheet
 
 COLORS = ((0.10, 0.45, 0.85), (0.85, 0.35, 0.05), (0.55, 0.35, 0.65), (0.55, 0.55, 0.55))  # types 0 to III
 WIDTH, HEIGHT = 400, 320  # px of a panel
@@ -68,7 +65,7 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def curve_panel(texture: DominantTexture) -> Plot:
+def curve_panel(texture: Dominance) -> Plot:
     """Figure 3: log of the sum of weights over log epsilon, with its steepest point and slope."""
     kernel = texture.kernel
     curve = kernel.curve if kernel else np.zeros((0, 2))
@@ -89,7 +86,7 @@ def curve_panel(texture: DominantTexture) -> Plot:
     return panel
 
 
-def heat_panel(texture: DominantTexture) -> Plot:
+def heat_panel(texture: Dominance) -> Plot:
     """Figure 4: log density over log heat in the last round, by type, with that round's thresholds."""
     heat = np.maximum(texture.heat, texture.heat.max(initial=-300.0) - _DECADES)
     density = np.log10(np.maximum(texture.density, 1e-9))
@@ -114,6 +111,6 @@ def heat_panel(texture: DominantTexture) -> Plot:
     return panel
 
 
-def diagnostics(texture: DominantTexture) -> np.ndarray:
+def diagnostics(texture: Dominance) -> np.ndarray:
     """Both figures side by side, (HEIGHT, 2 WIDTH, 3), sRGB 0 .. 1."""
     return np.concatenate([curve_panel(texture).drawn(), heat_panel(texture).drawn()], axis=1)

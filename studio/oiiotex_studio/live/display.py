@@ -6,9 +6,10 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 
-from ..deferred import np, ocio
-from ..errors import ColorError, one_line
-from .config import ColorConfig
+from oiiotex.engine.deferred import np, ocio
+from oiiotex.engine.errors import ColorError, one_line
+
+from ..api.images import ColorConfig
 
 _PLAIN = "Un-tone-mapped"  # the view of OCIO's built-in configs without a tone curve
 

@@ -6,11 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ...engine.core.window import Window
-from ...engine.deferred import np
-from ...engine.io.documents import read_arrays
-from ..graphcut.seam_overlay import TILE
-from .quilt_plan import Grid, QuiltPlan
+from oiiotex.engine.deferred import np
+
+from ...api.images import Window
+from ...api.painting import TILE, Grid, QuiltPlan, read_arrays
 
 
 def regridded(path: Path, budget: int, times: int = 1, size: tuple[int, int] | None = None) -> dict[str, np.ndarray]:
