@@ -136,18 +136,22 @@ __kernel void histograms_totals(const __global float *restrict sums, __global ul
 }
 
 // G^-1 at equidistant shares, [channel][INVERSE + 1], on the image's grid from `low` to `high`. G: its global histogram.
+// An item computes SHARES of them.
+#define SHARES 64
 __kernel void histograms_inverse(const __global ulong *restrict totals, __global float *restrict inverse,
                                  __constant float *low, __constant float *high, __constant float *per_bin) {
-  int k = get_global_id(0), c = get_global_id(1), b = 0;
-  if (k > INVERSE || c >= CHANNELS) return;
+  int first = get_global_id(0) * SHARES, c = get_global_id(1), b = 0;
+  if (first > INVERSE || c >= CHANNELS) return;
   const __global ulong *own = totals + c * BINS;
   ulong all = 0, below = 0;
   for (int i = 0; i < BINS; i++) all += own[i];
-  ulong sought = all * (ulong)k;   // of `all` times INVERSE
-  while (b < BINS && (below + own[b]) * INVERSE <= sought) below += own[b++];
-  float inside = b < BINS ? (float)(sought - below * INVERSE) / (float)(own[b] * INVERSE) : 0.0f;
-  float value = low[c] + ((float)b - 0.5f + inside) / per_bin[c];
-  inverse[c * (INVERSE + 1) + k] = value < low[c] ? low[c] : value > high[c] ? high[c] : value;
+  for (int k = first; k < first + SHARES && k <= INVERSE; k++) {
+    ulong sought = all * (ulong)k;   // of `all` times INVERSE
+    while (b < BINS && (below + own[b]) * INVERSE <= sought) below += own[b++];
+    float inside = b < BINS ? (float)(sought - below * INVERSE) / (float)(own[b] * INVERSE) : 0.0f;
+    float value = low[c] + ((float)b - 0.5f + inside) / per_bin[c];
+    inverse[c * (INVERSE + 1) + k] = value < low[c] ? low[c] : value > high[c] ? high[c] : value;
+  }
 }
 
 // Normalized cumulative histogram: value b is the fraction below the lower border of bin b.

@@ -22,6 +22,7 @@ INVERSE = 2048  # samples of an inverse cumulative
 OUTSIDE = -32768  # excluded from histograms; far outside the Lab grid
 MOST_VALUES = 4096  # maximum number of values that `patchmatch.to_grid` distinguishes
 _CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and each is much work
+_SHARES = 64  # cl/histograms.cl, SHARES
 _COUNT_PARTS = 32  # of an image whose values are counted
 
 
@@ -179,9 +180,8 @@ class Projection(HeldCells):
         """G^-1 at equidistant shares, from the sums of all rows of cells. G: the image's cumulative."""
         b, (low, per_bin) = self._buffers, self._bins
         self._run("totals", (BINS, self.channels), b[self._sums], b["bin_totals"], self._grid.down)
-        self._run(
-            "inverse", (INVERSE + 1, self.channels), b["bin_totals"], b[self._inverse], low, self._most, per_bin
-        )  # fmt: skip
+        runs = INVERSE // _SHARES + 1
+        self._run("inverse", (runs, self.channels), b["bin_totals"], b[self._inverse], low, self._most, per_bin)
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """Match rows of the learned image. Returns the row at the start of its buffer."""
