@@ -119,7 +119,7 @@ def histograms(far: Far) -> None:
         run("blur", (0, c, 2 * cells + c), grid, other, weights, 1, *numbers, cells * cells, 0, cells, 1)
         assert other[2, c, c, 0] == 2
     sums = far.zeros(np.float32, 3 * cells, BINS)
-    run("row_sums", (0, 2 * cells + c), grid, sums, cells, 3 * cells)
+    run("row_sums", (0, c, 2), grid, sums, cells, cells, cells, 0, cells)
     assert sums[2 * cells + c, 0] == 4
     grid[2, c, c] = 0
     grid[2, c, c, :2] = 1, 3

@@ -115,13 +115,43 @@ __kernel void histograms_blur(const __global float *restrict grid, __global floa
   *(__global bin_lane *)(blurred + line + i * step) = sum;
 }
 
-// Sums over a row of cells, bin by bin; the host adds the rows to the global histogram.
-__kernel void histograms_row_sums(const __global float *restrict grid, __global float *restrict sums, int cells_x, int rows) {
-  int part = get_global_id(0) * BIN_LANES, row = get_global_id(1);
-  if (part >= BINS || row >= rows) return;
+// Sums over rows of cells, bin by bin: [channel][cell y][bin], for `count` of the `held_cells` rows, stored from row `top` on.
+__kernel void histograms_row_sums(const __global float *restrict grid, __global float *restrict sums, int cells_x, int held_cells,
+                                  int count, int top, int cells_y) {
+  int part = get_global_id(0) * BIN_LANES, row = get_global_id(1), c = get_global_id(2);
+  if (part >= BINS || row >= count || c >= CHANNELS) return;
+  const __global float *from = grid + CELL(c, row, 0) * BINS + part;
   bin_lane sum = 0.0f;
-  for (int x = 0; x < cells_x; x++) sum += *(const __global bin_lane *)(grid + AT(row, x, cells_x) * BINS + part);
-  *(__global bin_lane *)(sums + AT(row, part, BINS)) = sum;
+  for (int x = 0; x < cells_x; x++) sum += *(const __global bin_lane *)(from + (size_t)x * BINS);
+  *(__global bin_lane *)(sums + AT((long)c * cells_y + top + row, part, BINS)) = sum;
+}
+
+// The global histogram, [channel][bin], from the sums of all rows: in integers of 2^-16 pixel.
+__kernel void histograms_totals(const __global float *restrict sums, __global ulong *restrict totals, int rows) {
+  int b = get_global_id(0), c = get_global_id(1);
+  if (b >= BINS || c >= CHANNELS) return;
+  ulong total = 0;
+  for (int row = 0; row < rows; row++) total += convert_ulong_rtz(sums[AT((long)c * rows + row, b, BINS)] * 65536.0f);
+  totals[c * BINS + b] = total;
+}
+
+// G^-1 at equidistant shares, [channel][INVERSE + 1], on the image's grid from `low` to `high`. G: its global histogram.
+// An item computes SHARES of them.
+#define SHARES 64
+__kernel void histograms_inverse(const __global ulong *restrict totals, __global float *restrict inverse,
+                                 __constant float *low, __constant float *high, __constant float *per_bin) {
+  int first = get_global_id(0) * SHARES, c = get_global_id(1), b = 0;
+  if (first > INVERSE || c >= CHANNELS) return;
+  const __global ulong *own = totals + c * BINS;
+  ulong all = 0, below = 0;
+  for (int i = 0; i < BINS; i++) all += own[i];
+  for (int k = first; k < first + SHARES && k <= INVERSE; k++) {
+    ulong sought = all * (ulong)k;   // of `all` times INVERSE
+    while (b < BINS && (below + own[b]) * INVERSE <= sought) below += own[b++];
+    float inside = b < BINS ? (float)(sought - below * INVERSE) / (float)(own[b] * INVERSE) : 0.0f;
+    float value = low[c] + ((float)b - 0.5f + inside) / per_bin[c];
+    inverse[c * (INVERSE + 1) + k] = value < low[c] ? low[c] : value > high[c] ? high[c] : value;
+  }
 }
 
 // Normalized cumulative histogram: value b is the fraction below the lower border of bin b.
@@ -212,13 +242,54 @@ __kernel void histograms_values(const __global short *restrict image, const __gl
 #endif
 }
 
-// The sum of the parts, stored in the first.
-__kernel void histograms_values_sum(__global int *restrict counts, int entries, int parts) {
+// The sum of the parts, or with `more` this added to `sums`.
+__kernel void histograms_values_sum(const __global int *restrict counts, __global uint *restrict sums, int entries, int parts, int more) {
   int i = get_global_id(0), n = CHANNELS * entries;
   if (i >= n) return;
-  int sum = counts[i];
-  for (int part = 1; part < parts; part++) sum += counts[(size_t)part * n + i];
-  counts[i] = sum;
+  uint sum = more ? sums[i] : 0;
+  for (int part = 0; part < parts; part++) sum += counts[(size_t)part * n + i];
+  sums[i] = sum;
+}
+
+// Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c of each channel (MJH17 section 4.2), from the counts of F and G.
+// Blending values at equal shares is the same as blending along the x axis of the cumulatives. A work-group makes the
+// table of a channel, each item a run of it. Shares are compared in integers.
+__kernel void histograms_matching(const __global uint *restrict counts, const __global uint *restrict goal,
+                                  __global short *restrict table, int first, int entries, float alpha) {
+  int item = get_local_id(0), c = get_global_id(1), run = (entries + COUNTERS - 1) / COUNTERS;
+  int begin = item * run < entries ? item * run : entries, end = begin + run < entries ? begin + run : entries;
+  const __global uint *own = counts + c * entries, *wanted = goal + c * entries;
+  __local uint sums[COUNTERS], goal_sums[COUNTERS];
+  uint sum = 0, goal_sum = 0;
+  for (int i = begin; i < end; i++) {
+    sum += own[i];
+    goal_sum += wanted[i];
+  }
+  sums[item] = sum;
+  goal_sums[item] = goal_sum;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  ulong below = 0, all = 0, of_goal = 0, goal_below = 0;
+  for (int i = 0; i < COUNTERS; i++) {
+    below += i < item ? sums[i] : 0;
+    all += sums[i];
+    of_goal += goal_sums[i];
+  }
+  int at = 0;   // the value of the goal at the same share
+  for (int i = begin; i < end; i++) {
+    ulong sought = (2 * below + own[i]) * of_goal;   // the middle of this value, of twice `all` times `of_goal`
+    while (at % run == 0 && at + run < entries && 2 * all * (goal_below + goal_sums[at / run]) <= sought) {
+      goal_below += goal_sums[at / run];
+      at += run;
+    }
+    while (at < entries - 1 && 2 * all * (goal_below + wanted[at]) <= sought) goal_below += wanted[at++];
+    float inside = wanted[at] > 0 ? (float)(sought - 2 * all * goal_below) / (float)(2 * all * wanted[at]) : 0.5f;
+    float matched = (float)(first + at) - 0.5f + inside;
+    float value = alpha * matched + (1.0f - alpha) * (float)(first + i);
+    float most = (float)(first + entries - 1);
+    value = value < (float)first ? (float)first : value > most ? most : value;
+    table[c * entries + i] = (short)rint(value);
+    below += own[i];
+  }
 }
 
 // Point function of a value: one table per channel.

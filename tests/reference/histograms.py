@@ -12,6 +12,22 @@ def value_counts(image: np.ndarray, first: int, entries: int) -> np.ndarray:
     return np.stack([np.bincount(values - first, minlength=entries) for values in flat.T])
 
 
+def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
+    """Value -> alpha G^-1(F(value)) + (1 - alpha) value (MJH17 section 4.2), before rounding.
+
+    `counts`, `target` (channels, entries) int: of F and G, entry i for value first + i; (channels, entries) float64.
+    """
+    entries = counts.shape[1]
+    values, edges = first + np.arange(entries), first + np.arange(entries + 1) - 0.5
+    tables = []
+    for own, wanted in zip(counts, target, strict=True):
+        below = np.concatenate([[0.0], np.cumsum(own)]) / own.sum()
+        below_target = np.concatenate([[0.0], np.cumsum(wanted + 1e-9)])
+        matched = np.interp(0.5 * (below[:-1] + below[1:]), below_target / below_target[-1], edges)
+        tables.append(np.clip(alpha * matched + (1.0 - alpha) * values, first, first + entries - 1))
+    return np.stack(tables)
+
+
 def gaussian_rows(size: int, sigma: float, wrap: bool) -> np.ndarray:
     """(size, size): row i weighs all pixels of an axis seen from pixel i."""
     away = np.arange(size)[None, :] - np.arange(size)[:, None]

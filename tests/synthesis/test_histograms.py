@@ -90,35 +90,70 @@ def test_lanes_do_not_show_in_the_projection(device, narrow_device):
     np.testing.assert_array_equal(wide, single)
 
 
-def test_a_global_match_takes_over_the_targets_histogram():
+@pytest.mark.parametrize("alpha", [1.0, 0.5, 0.0])
+def test_a_global_match_takes_over_the_targets_histogram(any_lanes, alpha):
     random = np.random.default_rng(1)
     image = random.normal(100, 20, (80, 80, 3)).round().astype(np.int16)
     target = random.gamma(2.0, 60, (90, 70, 3)).round().astype(np.int16)
     first = int(min(image.min(), target.min()))
     entries = int(max(image.max(), target.max())) - first + 1
-    counts, goal = (reference.value_counts(i, first, entries) for i in (image, target))
-    assert counts.sum() == image.size and counts[0, 100 - first] == (image[..., 0] == 100).sum()
-    table = histograms.matching_table(counts, goal, first, 1.0)
-    matched = np.stack([table[c][image[..., c] - first] for c in range(3)], -1)
-    for q in (0.1, 0.5, 0.9):
-        assert abs(np.quantile(matched, q) - np.quantile(target, q)) <= 3
-    assert (np.diff(table.astype(int), axis=1) >= 0).all()
-    identity = histograms.matching_table(counts, goal, first, 0.0)
-    np.testing.assert_array_equal(identity[0], first + np.arange(entries))
-    np.testing.assert_allclose(
-        histograms.matching_table(counts, goal, first, 0.5), (table + identity.astype(float)) / 2, atol=0.51
-    )
-
-
-def test_a_table_is_applied_per_channel(any_lanes):
-    image = lab_like(9, 13)
-    first, entries = int(image.min()), int(image.max()) - int(image.min()) + 1
-    table = np.random.default_rng(0).integers(-500, 500, (3, entries)).astype(np.int16)
-    with Buffers(any_lanes, {"image": image.nbytes, "matched": image.nbytes}, 1 << 20, "test") as buffers:
+    sizes = {"image": image.nbytes, "target": target.nbytes, "matched": image.nbytes}
+    with Buffers(any_lanes, histograms.ValueCounts.layout() | sizes, 1 << 24, "test") as buffers:
         any_lanes.write(buffers["image"], image)
-        histograms.apply_table(any_lanes, buffers, "image", "matched", (13, 9), table, first)
-        found = any_lanes.read(buffers["matched"], image.shape, np.int16)
-    np.testing.assert_array_equal(found, np.stack([table[c][image[..., c] - first] for c in range(3)], -1))
+        any_lanes.write(buffers["target"], target)
+        counts = histograms.ValueCounts(any_lanes, buffers, first, entries, 3)
+        counts.add("counts", "image", (80, 80), more=False)
+        counts.add("goal_counts", "target", (70, 50), more=False)
+        counts.add("goal_counts", "target", (70, 40), more=True, at=50)
+        counts.match(alpha)
+        counts.apply("image", "matched", (80, 80))
+        matched = any_lanes.read(buffers["matched"], image.shape, np.int16)
+    own, goal = (reference.value_counts(i, first, entries) for i in (image, target))
+    table = reference.matching_table(own, goal, first, alpha)
+    exact = np.stack([table[c][image[..., c] - first] for c in range(3)], -1)
+    assert np.abs(matched - exact).max() <= 0.501
+    for q in (0.1, 0.5, 0.9):
+        assert abs(np.quantile(matched, q) - np.quantile(target if alpha == 1 else exact, q)) <= 3
+
+
+def test_devices_match_values_alike(device, narrow_device):
+    """Shares are compared in integers: counts as large as an image may have, and values that do not occur."""
+    random, entries = np.random.default_rng(3), histograms.MOST_VALUES - 5
+    counts, goal = ((random.integers(0, 9, (3, entries)) ** 6).astype(np.uint32) for _ in range(2))
+    counts[1, 40:3000] = goal[2, :17] = goal[0, -9:] = 0
+    tables = []
+    for one in (device, narrow_device):
+        with Buffers(one, histograms.ValueCounts.layout(), 1 << 24, "test") as buffers:
+            one.write(buffers["counts"], counts)
+            one.write(buffers["goal_counts"], goal)
+            histograms.ValueCounts(one, buffers, -900, entries, 3).match(0.7)
+            tables.append(one.read(buffers["value_table"], (3, entries), np.int16))
+    np.testing.assert_array_equal(*tables)
+    exact, occurs = reference.matching_table(counts.astype(np.int64), goal.astype(np.int64), -900, 0.7), counts > 0
+    assert np.abs(tables[0] - exact)[occurs].max() <= 0.51
+
+
+def test_the_inverse_of_a_histogram_is_that_of_all_rows(any_lanes):
+    """At equal shares of pixels, by linear interpolation in a bin; bins may be empty."""
+    random, low, high = np.random.default_rng(5), np.array([-40, 0, 7]), np.array([900, 640, 8])
+    grid = CellGrid.of(Domain(90, 70), 6.0)
+    sums = (random.random((3, grid.down, histograms.BINS)) ** 9 * 500).astype(np.float32)
+    sums[:, :, 20:30] = 0
+    layout = histograms.layout(grid)
+    with Buffers(any_lanes, layout, 1 << 24, "test") as buffers:
+        projection = histograms.Projection(any_lanes, buffers, grid, low, high)
+        any_lanes.write(buffers["grid_sums"], sums)
+        projection.invert()
+        inverse = any_lanes.read(buffers["grid_inverse"], (3, histograms.INVERSE + 1), np.float32)
+    shares, bins = np.linspace(0, 1, histograms.INVERSE + 1), histograms.BINS
+    for c in range(3):
+        below = np.concatenate([[0.0], np.cumsum(sums[c].sum(0, np.float64))])
+        place = np.interp(shares, below / below[-1], np.arange(bins + 1) - 0.5)
+        step = max(1, high[c] - low[c]) / (bins - 1)
+        exact = np.clip(low[c] + place * step, low[c], high[c])
+        away = np.abs(inverse[c] - exact)
+        assert (away > 1e-3 * step).sum() <= 2  # on both sides of empty bins
+        assert (np.diff(inverse[c]) >= 0).all()
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 7), (45, 300), (70, 67)])
@@ -135,5 +170,6 @@ def test_values_are_counted_on_the_device(any_lanes, height, width):
         counts = histograms.ValueCounts(any_lanes, buffers, first, entries, 3)
         free = held[..., 0] == histograms.OUTSIDE
         for marks, counted in (({}, image), ({"free": "held"}, image[free]), ({"seen": "held"}, image[~free])):
-            found = counts.of("image", (width, height), **marks)
+            counts.add("counts", "image", (width, height), more=False, **marks)
+            found = any_lanes.read(buffers["counts"], (3, entries), np.uint32)
             np.testing.assert_array_equal(found, reference.value_counts(counted, first, entries))

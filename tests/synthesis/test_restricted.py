@@ -26,9 +26,10 @@ from oiiotex.synthesis.patchmatch.field import allowed_patches, random_field
 from oiiotex.synthesis.patchmatch.matcher import Matcher
 from oiiotex.synthesis.patchmatch.memory import ExemplarHeld, plan_memory
 from oiiotex.synthesis.patchmatch.recipe import Recipe, geometry_at, level_scales
-from oiiotex.synthesis.projections.histograms import OUTSIDE, matching_table
+from oiiotex.synthesis.projections.histograms import OUTSIDE
 from tests import pictures
 from tests.any_filter import buffer, pixels
+from tests.reference.histograms import matching_table
 
 PHOTO = pictures.bricks(160, 192, seed=4)
 
@@ -88,7 +89,7 @@ def test_pixels_outside_are_in_no_histogram(device):
         field = random_field(geometry, patches, 0)
         matcher = Matcher(device, buffers, geometry, exemplar, patches, field, 0.0, 0, usable=mask)
         level = st._Level(device, buffers, matcher, exemplar, mask, given, 1.0)
-        goal, low = level._goal, level._first
+        goal, low = device.read(buffers["goal_counts"], (3, level._entries), np.uint32), level._first
     assert goal.sum(axis=1).tolist() == [mask.sum()] * 3
     values = low + np.arange(goal.shape[1])
     # nothing of the gray between them: the two levels stay apart in the goal, at about equal shares
@@ -112,10 +113,12 @@ def test_a_histogram_matched_beside_pixels_that_stay_is_not_shifted(device):
         low, high = level._low, level._high
         before = np.random.default_rng(0).integers(low, (low + 2 * high) // 3, (64, 80, 3)).astype(np.int16)
         device.write(buffers["image"], before)
-        level._match_histogram(level._count_free(0, 64), 1.0)
+        level._count_free(0, 64)
+        level._match_histogram(1.0)
         after = device.read(buffers["image"], before.shape, np.int16)
         counts = np.stack([np.bincount(c - level._first, minlength=level._entries) for c in before[~stays].T])
-    table = matching_table(counts, level._goal, level._first, 1.0)
+        goal = device.read(buffers["goal_counts"], counts.shape, np.uint32)
+    table = np.rint(matching_table(counts, goal.astype(np.int64), level._first, 1.0))
     change = table[np.arange(3), before.astype(int) - level._first] - before.astype(float)
     exact = before + change * ease_from(~stays, st.EASE * 5)[..., None] / 255
     assert np.abs(change).mean() > 10

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often a tile waits for the device: every download stops a GPU until the host goes on."""
+"""How often a tile waits for the device: meanwhile a GPU has nothing to do."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from oiiotex.engine.opencl.device import Device, Download
+from oiiotex.engine.opencl.device import Device, Download, Program
 from oiiotex.synthesis.patchmatch.optimization import synthesize
 from oiiotex.synthesis.patchmatch.recipe import Recipe, level_scales
 from tests.pictures import pebbles
@@ -14,23 +14,35 @@ from tests.pictures import pebbles
 COARSE = 6  # iterations of the coarsest level
 
 
-@pytest.mark.parametrize(
-    ("sigma", "contrast", "a_step", "a_level"), [(4.0, 0.7, 2, 3), (4.0, 0.0, 1, 1), (None, 0.0, 0, 1)]
-)
-def test_a_level_waits_for_few_downloads(sigma, contrast, a_step, a_level, device, monkeypatch):
-    """A step: for the histogram to match, and the one to project to. A level: for both of its goal, and its field.
+@pytest.fixture
+def waits(monkeypatch):
+    """A list with an entry for each download, each wait for the queue, and each upload behind kernels in the queue."""
+    waits, queued = [], []
 
-    At the end, the picked pixels are downloaded. A fine level has one step, so it waits five times; our goal is two.
-    """
-    waits = []
-    for kind, name in ((Device, "read"), (Download, "array")):
-        wait = getattr(kind, name)
-        monkeypatch.setattr(kind, name, lambda *given, wait=wait: waits.append(1) or wait(*given))
+    def replace(kind, name, note):
+        call = getattr(kind, name)
+        monkeypatch.setattr(kind, name, lambda *given, **more: note() or call(*given, **more))
+
+    def wait():
+        waits.append(1)
+        queued.clear()
+
+    for kind, name in ((Device, "read"), (Device, "finish"), (Download, "array")):
+        replace(kind, name, wait)
+    replace(Device, "write", lambda: wait() if queued else None)
+    replace(Program, "__call__", lambda: queued.append(1))
+    return waits
+
+
+@pytest.mark.parametrize(("sigma", "contrast"), [(4.0, 0.7), (4.0, 0.0), (None, 0.7), (None, 0.0)])
+@pytest.mark.parametrize("complete", [False, True])
+def test_a_level_waits_once(sigma, contrast, complete, device, waits):
+    """For its field, from which the next level starts. At the end, the picked pixels are downloaded."""
     recipe = Recipe(
         width=96, height=80, wrap_x=True, wrap_y=True, sigma=sigma, patch=11, iterations=COARSE, seed=1,
-        uniformity=0.01, contrast=contrast, flat=True,
+        uniformity=0.01, contrast=contrast, flat=True, complete=complete,
     )  # fmt: skip
     lab = (100 * pebbles(80, 96, 5)).astype(np.float32)
     levels = len(level_scales(recipe, lab.shape))
     synthesize(device, lab, None, recipe, 1 << 30, lambda done, total: None)
-    assert levels > 2 and len(waits) == a_step * (COARSE + levels - 1) + a_level * levels + 1
+    assert levels > 2 and len(waits) == levels + 1

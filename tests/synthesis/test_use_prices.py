@@ -175,12 +175,15 @@ def test_what_was_lost_is_said_and_warned_of(caplog, monkeypatch):
 
 def test_no_region_is_shown_again_and_again(device):
     lab = (100 * stained(pebbles(128, 128, 5))).astype(np.float32)
-    shown = {}
+    shown = {}  # medians of three seeds: those of one are from 3.1 to 5.2 with the penalty
     for complete in (False, True):
-        recipe = Recipe(
-            width=128, height=128, wrap_x=True, wrap_y=True, sigma=4.0, patch=11, iterations=30, seed=1,
-            uniformity=0.01, contrast=0.7, flat=True, complete=complete,
-        )  # fmt: skip
-        source = synthesize(device, lab, None, recipe, BUDGET, lambda done, total: None).source
-        shown[complete] = most_shown(source, (128, 128))[0]
+        most = []
+        for seed in (1, 2, 3):
+            recipe = Recipe(
+                width=128, height=128, wrap_x=True, wrap_y=True, sigma=4.0, patch=11, iterations=30, seed=seed,
+                uniformity=0.01, contrast=0.7, flat=True, complete=complete,
+            )  # fmt: skip
+            source = synthesize(device, lab, None, recipe, BUDGET, lambda done, total: None).source
+            most.append(most_shown(source, (128, 128))[0])
+        shown[complete] = float(np.median(most))
     assert shown[True] <= 4.0 and shown[True] < 0.8 * shown[False]

@@ -152,19 +152,34 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
     def at_offsets(spectrum: np.ndarray) -> np.ndarray:
         return np.fft.irfft(np.fft.ifft(spectrum, axis=0)[down], shape[1], axis=1)[:, right]
 
-    mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
-    power = np.zeros(mask.shape)
+    power = np.zeros((shape[0], shape[1] // 2 + 1))
     for c in range(values.shape[2]):
         spectrum = transformed(values[..., c])
         power = power + spectrum.real**2 + spectrum.imag**2
-    products = at_offsets(power)
-    first = at_offsets(energy * np.conj(mask))  # energy of the first of two overlapping images
+    products, squares = at_offsets(power), (values * values).sum(2)
+    if usable.all():  # two overlapping rectangles, without Fourier transforms
+        overlap = np.outer(height - np.abs(down), width - np.abs(right)).astype(np.float64)
+        first = _sums_of_overlaps(squares, down, right)
+    else:
+        mask = transformed(usable.astype(np.float64))
+        first = at_offsets(transformed(squares) * np.conj(mask))  # energy of the first of two overlapping images
+        overlap = at_offsets(mask.real**2 + mask.imag**2)
     second = np.flip(first)  # and of the second
-    overlap = at_offsets(mask.real**2 + mask.imag**2)
     enough = overlap >= LEAST * usable.sum()
     least = 1e-9 * max(1e-30, float((values * values).sum()))
     ncc = products / np.sqrt(np.maximum(first * second, least**2))
     return Autocorrelation(np.where(enough, ncc, 0.0), np.where(enough, overlap, 0.0))
+
+
+def _sums_of_overlaps(values: np.ndarray, down: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Sums of (height, width) values where a copy that is moved up and left by an offset overlaps: (down, right)."""
+    sums = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    sums[1:, 1:] = values.cumsum(0).cumsum(1)
+    (top, bottom), (left, end) = (
+        (np.maximum(0, by), np.minimum(n, n + by)) for by, n in zip((down, right), values.shape, strict=True)
+    )
+    rows = sums[bottom] - sums[top]
+    return rows[:, end] - rows[:, left]
 
 
 def wrapped_autocorrelation(values: np.ndarray, longer: int = 0) -> Autocorrelation:

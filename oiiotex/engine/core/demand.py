@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
-from ..errors import ImageError, MemoryBudgetError
-from .image import Part, Pixels, dtype_of, pixels_of
+from ..errors import ImageError, MemoryBudgetError, present
+from .image import Part, Pixels, dtype_of
 from .piece_cache import PieceCache
 from .window import Window
 
@@ -28,7 +27,8 @@ if TYPE_CHECKING:
 BAND_BYTES = 8 << 20  # of pixels processed at once: large enough to hide the cost of calls, small enough for caches
 SPILL_SIDE = 256  # px; side of a tile in a temporary file
 PIECE_PIXELS = 1 << 16  # pixels that a thread processes at once: small enough for caches
-_RESIZED_BYTES = 8 << 20  # bytes of rows that are resized at once
+_RESIZED_BYTES = 8 << 20  # bytes of rows that are read at once to be resized
+_CACHED_BYTES = 128 << 10  # bytes of rows that are resized at once: they fit the cache of a core
 
 
 def rows_for(part: Part, limit: int | None = None, multiple: int = 1) -> int:
@@ -184,29 +184,50 @@ def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None
         A row does not depend on which other rows are requested.
     """
     rows = rows or slice(0, height)
-    (high, wide, channels), count = pixels.shape, rows.stop - rows.start
+    high, wide, channels = pixels.shape
     if (high, wide) == (height, width):
         return pixels[rows]
-    small, ratio = np.empty((count, width, channels), np.float32), high / height
-    reach = math.ceil(max(1.0, ratio)) + 2
-    step = max(1, int(_RESIZED_BYTES / (4 * channels * wide * ratio)))
-    for top in range(rows.start, rows.stop, step):
-        bottom = min(top + step, rows.stop)
-        first, last = max(0, math.floor(top * ratio) - reach), min(high, math.ceil(bottom * ratio) + reach)
-        source, target = (
-            _rows_of(*size, channels) for size in ((wide, high, first, last), (width, height, top, bottom))
-        )
-        source.set_pixels(source.roi, np.ascontiguousarray(pixels[first:last], np.float32))
-        oiio.ImageBufAlgo.resize(target, source, "triangle")
-        small[top - rows.start : bottom - rows.start] = pixels_of(target, oiio.FLOAT)
+    small = np.empty((rows.stop - rows.start, width, channels), np.float32)
+    (down, shares_down), (right, shares_right) = _triangle(high, height), _triangle(wide, width)
+    shares_right = np.repeat(shares_right, channels, axis=1)
+    step = max(1, int(_RESIZED_BYTES / (4 * channels * wide * high / height)))
+    block = max(1, _CACHED_BYTES // (4 * channels * max(wide, width)))  # rows
+    for begin in range(rows.start, rows.stop, step):
+        end = min(begin + step, rows.stop)
+        first, last = int(down[0, begin]), int(down[-1, end - 1]) + 1
+        source = np.ascontiguousarray(pixels[first:last], np.float32)
+        for top in range(begin, end, block):
+            some = slice(top, min(top + block, end))
+            tall = _weighed(source, down[:, some] - first, shares_down[:, some, None], 0)
+            small[some.start - rows.start : some.stop - rows.start] = _weighed(tall, right, shares_right, 1)
     return small
 
 
-def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> oiio.ImageBuf:
-    """A buffer for some rows of a float image, at their position."""
-    spec = oiio.ImageSpec(width, last - first, channels, oiio.FLOAT)
-    spec.y, spec.full_height, spec.full_y = first, height, 0
-    return oiio.ImageBuf(spec)
+def _triangle(size: int, target: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions that each of `target` pixels is the mean of, and their shares: (n, target) int64 and float32."""
+    ratio = size / target
+    reach, centers = max(1.0, ratio), (np.arange(target) + 0.5) * ratio - 0.5
+    at = np.ceil(centers - reach).astype(np.int64) + np.arange(int(2 * reach) + 1)[:, None]
+    shares = np.maximum(0.0, 1.0 - np.abs(at - centers) / reach)
+    used = shares.any(1)
+    return np.clip(at[used], 0, size - 1), (shares / shares.sum(0))[used].astype(np.float32)
+
+
+def _weighed(pixels: np.ndarray, at: np.ndarray, shares: np.ndarray, axis: int) -> np.ndarray:
+    """Weighted sums of rows (axis 0) or columns (1) of (h, w, c) float32, added in one order on every processor.
+
+    `at` (n, target): positions; `shares`: their weights for flat rows, (n, target, 1) or (n, target * c).
+    """
+    total: np.ndarray | None = None
+    for where, share in zip(at, shares, strict=True):
+        part = pixels.take(where, axis, mode="clip")  # checked indices are slower
+        flat = part.reshape(len(part), -1)
+        flat *= share
+        if total is None:
+            total = part
+        else:
+            total += part
+    return present(total)
 
 
 # --- random access ---

@@ -7,14 +7,27 @@ import os
 import sys
 from collections.abc import Callable
 
-from .running.stopping import Stopped, end_unwound, ignore_interrupts, raise_if_stopped, stop_on_signals, watch_signals
+from .running.stopping import (
+    Stopped,
+    end_finished,
+    end_unwound,
+    ignore_interrupts,
+    raise_if_stopped,
+    stop_on_signals,
+    watch_signals,
+)
 
 _LEAST_ADDRESS_SPACE = 512 << 20  # bytes, for libraries alone
 
 
 def main(words: list[str] | None = None) -> None:
     """Run the command line and exit: 0 success, 1 error, 3 measure beyond a limit, 128 + N after signal N."""
-    exit_with(sys.argv[1:] if words is None else words, _line)
+    if words is not None:
+        exit_with(words, _line)
+    try:
+        exit_with(sys.argv[1:], _line)
+    except SystemExit as ended:
+        end_finished(int(ended.code or 0))
 
 
 def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
@@ -43,6 +56,7 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
 def _line(words: list[str]) -> int:
     import gc
 
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin while they wait, and matrices are small
     gc.disable()  # collections while importing find nothing and take a tenth of the startup time
     from .running.line_run import run  # imported here so that signals are handled meanwhile
 

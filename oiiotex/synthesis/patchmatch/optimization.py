@@ -30,7 +30,7 @@ from ...engine.io.checkpoint import Checkpoint
 from ...engine.opencl.buffers import Buffers, require_room
 from ...engine.opencl.device import Device, DeviceMemory
 from ...engine.opencl.rows import Rows
-from ..projections.histograms import OUTSIDE, ValueCounts, apply_table, matching_table
+from ..projections.histograms import OUTSIDE, ValueCounts
 from ..projections.projection import Projecting, projected, projection
 from . import use_prices
 from .constraints import (
@@ -272,7 +272,7 @@ class _Level:
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
             self._counts = ValueCounts(device, buffers, self._first, self._entries, g.channels)
-            self._goal = self._exemplar_counts(exemplar, sigma)
+            self._count_goal(exemplar, sigma)
         self._projection: Projecting | None = None
         sigmas = level_sigmas(constraints, g, scale)
         if sigmas is not None:
@@ -293,7 +293,7 @@ class _Level:
             recipe.literal,
         )  # fmt: skip
 
-    def _exemplar_counts(self, exemplar: SomeRows, sigma: float | None) -> np.ndarray:
+    def _count_goal(self, exemplar: SomeRows, sigma: float | None) -> None:
         """The target histogram: that of the exemplar, projected if the recipe says so."""
         g, b, seen, usable, whole = self._geometry, self._buffers, None, self._usable, exemplar
         if usable is not None:
@@ -311,33 +311,28 @@ class _Level:
         if store is None:
             self._device.write(b["image"], exemplar[:])  # unused until the first vote
         image = Rows(self._device, b, "image", g.exemplar_width, g.exemplar_height, False, store, held)
+        width = g.exemplar_width
         if projection is None:
-            return self._values_of(image, seen)
-        counts = np.zeros((g.channels, self._entries), np.int64)
+            for top, bottom in image.bands():
+                image.load(top, bottom)
+                self._counts.add("goal_counts", "image", (width, bottom - top), more=top > 0, seen=seen)
+            return
         for top, bottom, first in projected(projection, image, "target", most=held - halo(g.patch)):
-            counts += self._counts.of("target", (g.exemplar_width, bottom - top), at=top - first, seen=seen)
-        return counts
-
-    def _values_of(self, image: Rows, seen: str | None) -> np.ndarray:
-        """Histogram of an image, without the pixels that are `OUTSIDE` in the rows of buffer `seen`."""
-        width, counts = image.width, np.zeros((self._geometry.channels, self._entries), np.int64)
-        for top, bottom in image.bands():
-            image.load(top, bottom)
-            counts += self._counts.of(image.name, (width, bottom - top), seen=seen)
-        return counts
+            self._counts.add(
+                "goal_counts", "target", (width, bottom - top), more=top > 0, at=top - first, seen=seen
+            )  # fmt: skip
 
     def iterate(self, iteration: int, passes: int) -> None:
         """vote, matchHistogram, project, patchMatch: the last step only copies source pixels (section 4.2)."""
         rows, alpha = self._matcher.rows, self._recipe.alpha(iteration)
-        counts = np.zeros((self._geometry.channels, self._entries), np.int64)
         for top, bottom in rows.bands():
             self._matcher.vote(top, bottom)
             self._hold(top, bottom)
             if alpha > 0:
-                counts += self._count_free(top, bottom)
+                self._count_free(top, bottom)
             rows.image.save(top, bottom)
         if alpha > 0:
-            self._match_histogram(counts, alpha)
+            self._match_histogram(alpha)
         if self._projection is not None:
             self._project(self._projection)
         self._matcher.improve(passes, iteration)
@@ -361,17 +356,17 @@ class _Level:
         if self._free is not None:
             self._matcher.hold(top, bottom)
 
-    def _count_free(self, top: int, bottom: int) -> np.ndarray:
-        """Histogram of the loaded rows of `image`, without fixed pixels."""
+    def _count_free(self, top: int, bottom: int) -> None:
+        """Count the values in the loaded rows of `image`, without fixed pixels."""
         free = None if self._free is None else "fixed"
-        return self._counts.of("image", (self._geometry.width, bottom - top), free=free)
+        self._counts.add("counts", "image", (self._geometry.width, bottom - top), more=top > 0, free=free)
 
-    def _match_histogram(self, counts: np.ndarray, alpha: float) -> None:
+    def _match_histogram(self, alpha: float) -> None:
         rows, width = self._matcher.rows, self._geometry.width
-        table = matching_table(counts, self._goal, self._first, alpha)
+        self._counts.match(alpha)
         for top, bottom in rows.bands():
             rows.load("image", top, bottom)
-            apply_table(self._device, self._buffers, "image", "target", (width, bottom - top), table, self._first)
+            self._counts.apply("image", "target", (width, bottom - top))
             self._take_target(top, bottom)
             rows.image.save(top, bottom)
 

@@ -98,9 +98,10 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
     deviations = np.empty((rows, columns), np.float32)
     for rows_of in bands_of(rows, max(16, _PIXELS_AT_ONCE // image.shape[1])):  # bands keep the temporaries small
         band = np.moveaxis(image[rows_of.start : rows_of.stop + side - 1], 2, 0).astype(np.int32)  # planes
-        squared = n * box_sums((band.astype(np.int64) ** 2).sum(0), side)
+        squares = np.einsum("cyx,cyx->yx", band, band)  # whose sums over a patch fit 32 bits: `lab_grid.steps_for`
+        squared = n * box_sums(squares, side, np.int32).astype(np.int64)
         for plane in band:
-            squared -= box_sums(plane, side, np.int32).astype(np.int64) ** 2
+            squared -= np.square(box_sums(plane, side, np.int32), dtype=np.int64)
         deviations[rows_of] = squared
     return deviations
 

@@ -8,23 +8,21 @@ Images are (height, width, channels) int16 arrays of Lab (and of further maps of
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from ...analysis.stationarity.grid_statistics import CellGrid
 from ...engine.deferred import np
 from ...engine.opencl.buffers import Buffers
-from ...engine.opencl.device import Device, Download
+from ...engine.opencl.device import Device
 from ...engine.opencl.rows import unwrapped
 from .held_cells import HeldCells, cell_rows_held, seen_cells
-
-if TYPE_CHECKING:
-    import pyopencl as cl
 
 BINS = 64
 INVERSE = 2048  # samples of an inverse cumulative
 OUTSIDE = -32768  # excluded from histograms; far outside the Lab grid
 MOST_VALUES = 4096  # maximum number of values that `patchmatch.to_grid` distinguishes
 _CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and each is much work
+_SHARES = 64  # cl/histograms.cl, SHARES
 _COUNT_PARTS = 32  # of an image whose values are counted
 
 
@@ -44,39 +42,8 @@ class RowSource(Protocol):
         """Load rows. Returns the row at the buffer's start."""
 
 
-def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
-    """Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c per channel (MJH17 section 4.2).
-
-    Blending values at equal shares is the same as blending along the x axis of the cumulatives.
-
-    Parameters
-    ----------
-    counts, target : (channels, entries) int64
-        Histograms of the image (F) and of the target (G), from `ValueCounts`.
-    first : int
-        Value of entry 0.
-    alpha : float
-        0: keep the image. 1: give it the target's histogram.
-
-    Returns
-    -------
-    (channels, entries) int16
-    """
-    channels, entries = counts.shape
-    values = first + np.arange(entries)
-    edges = first + np.arange(entries + 1) - 0.5
-    table = np.empty((channels, entries), np.int16)
-    for c in range(channels):
-        below = np.concatenate([[0.0], np.cumsum(counts[c])]) / counts[c].sum()
-        below_target = np.concatenate([[0.0], np.cumsum(target[c] + 1e-9)])
-        below_target /= below_target[-1]
-        matched = np.interp(0.5 * (below[:-1] + below[1:]), below_target, edges)
-        table[c] = np.rint(np.clip(alpha * matched + (1.0 - alpha) * values, first, first + entries - 1))
-    return table
-
-
 class ValueCounts:
-    """Counts of each value in an image on the device. The host reads nothing else of it.
+    """Counts of each value in an image, and the table that gives it another image's histogram. All stay on the device.
 
     Parameters
     ----------
@@ -90,23 +57,35 @@ class ValueCounts:
         self._device, self._buffers = device, buffers
         self._first, self._entries, self._channels = first, entries, channels
         self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=channels)
+        self._counters = 256 if device.lanes == 1 else 1  # cl/histograms.cl, COUNTERS
 
     @staticmethod
     def layout(channels: int = 3) -> dict[str, int]:
         """Device memory, in bytes by name."""
-        return {"value_counts": 4 * _COUNT_PARTS * channels * MOST_VALUES}
+        values = channels * MOST_VALUES
+        return {
+            "value_parts": 4 * _COUNT_PARTS * values,
+            "counts": 4 * values,
+            "goal_counts": 4 * values,
+            "value_table": 2 * values,
+        }
 
-    def of(
-        self, image: str, size: tuple[int, int], *, at: int = 0, free: str | None = None, seen: str | None = None
-    ) -> np.ndarray:
-        """The counts in rows of buffer `image`: (channels, entries) int64. Counts of bands can be added.
+    def add(
+        self, counts: str, image: str, size: tuple[int, int], *, more: bool, at: int = 0, free: str | None = None,
+        seen: str | None = None,
+    ) -> None:  # fmt: skip
+        """Set buffer `counts`, (channels, entries) uint32, to the counts in rows of buffer `image`.
 
         Parameters
         ----------
+        counts : str
+            `counts` or `goal_counts`.
         image : str
             Name of a buffer of int16.
         size : (int, int)
             Width, and number of rows.
+        more : bool
+            Add to the counts of other rows.
         at : int
             First row in the buffer.
         free : str or None
@@ -114,33 +93,33 @@ class ValueCounts:
         seen : str or None
             Buffer of the same size: only pixels that are not `OUTSIDE` in it count. Conflicts with `free`.
         """
-        b, counters = self._buffers, 256 if self._device.lanes == 1 else 1  # cl/histograms.cl, COUNTERS
+        b, counters = self._buffers, self._counters
         parts, which = min(_COUNT_PARTS, size[1]), 1 if free else 2 if seen else 0  # COUNT_FREE, COUNT_SEEN
         self._run(
-            "values", (counters * parts, self._channels), b[image], b[free or seen or image], b["value_counts"],
+            "values", (counters * parts, self._channels), b[image], b[free or seen or image], b["value_parts"],
             self._first, self._entries, *size, at, which, group=counters,
         )  # fmt: skip
-        self._run("values_sum", (self._channels * self._entries,), b["value_counts"], self._entries, parts)
-        counts = self._device.read(b["value_counts"], (self._channels, self._entries), np.int32)
-        return counts.astype(np.int64)
+        total = self._channels * self._entries
+        self._run("values_sum", (total,), b["value_parts"], b[counts], self._entries, parts, more)
 
+    def match(self, alpha: float) -> None:
+        """Set buffer `value_table`, (channels, entries) int16, from both counts; see cl/histograms.cl.
 
-def apply_table(
-    device: Device, buffers: Buffers, image: str, matched: str, size: tuple[int, int], table: np.ndarray, first: int
-) -> None:  # fmt: skip
-    """Write to buffer `matched` table[channel, v - first] for every value v of buffer `image`.
+        `alpha`: 0: keep the image. 1: give it the goal's histogram.
+        """
+        b = self._buffers
+        self._run(
+            "matching", (self._counters, self._channels), b["counts"], b["goal_counts"], b["value_table"],
+            self._first, self._entries, float(alpha), group=self._counters,
+        )  # fmt: skip
 
-    Parameters
-    ----------
-    image, matched : str
-        Names of buffers of `size` (width, height).
-    size : (int, int)
-    table : (channels, entries) int16
-    first : int
-        Value of entry 0.
-    """
-    run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=len(table))
-    run("table", size, buffers[image], device.upload(table), buffers[matched], first, table.shape[1], *size)
+    def apply(self, image: str, matched: str, size: tuple[int, int]) -> None:
+        """Write to buffer `matched` value_table[channel, v - first] for every value v of buffer `image`.
+
+        Both are buffers of `size` (width, height).
+        """
+        b = self._buffers
+        self._run("table", size, b[image], b["value_table"], b[matched], self._first, self._entries, *size)
 
 
 def layout(
@@ -158,7 +137,8 @@ def layout(
         Additional rows above and below that are matched as well.
     """
     histograms = 4 * channels * grid.across * BINS * cell_rows_held(grid, cell_rows, beyond)
-    return {name: histograms, "grid_next": histograms, "row_sums": 4 * channels * grid.down * BINS}
+    inverse = {"bin_totals": 8 * channels * BINS, f"{name}_inverse": 4 * channels * (INVERSE + 1)}
+    return {name: histograms, "grid_next": histograms, f"{name}_sums": 4 * channels * grid.down * BINS, **inverse}
 
 
 class Projection(HeldCells):
@@ -174,27 +154,34 @@ class Projection(HeldCells):
     ):  # fmt: skip
         held = min(buffers[n].size for n in (name, "grid_next")) // (4 * len(low) * grid.across * BINS)
         super().__init__(device, buffers, grid, len(low), name, held)
+        self._sums, self._inverse = f"{name}_sums", f"{name}_inverse"
         self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
-        self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
-        per_bin = (BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))
-        self._bins = (device.upload(self._low), device.upload(per_bin.astype(np.float32)))
+        low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+        per_bin = ((BINS - 1) / np.maximum(high - low, np.float32(1.0))).astype(np.float32)
+        self._bins, self._most = (device.upload(low), device.upload(per_bin)), device.upload(high)
         self._taps = [(device.upload(taps.astype(np.float32)), len(taps) // 2) for taps in grid.taps()]
-        self._inverse: cl.Buffer | None = None
 
     def learning(self, image: RowSource) -> Iterator[None]:
         """Read the whole image, some of its rows per step. After the last step, `match` may be called."""
-        grid, sums = self._grid, np.empty((self.channels, self._grid.down, BINS), np.float32)
+        grid, b = self._grid, self._buffers
         for top in range(0, grid.down, self._held):
             count = min(self._held, grid.down - top)
             self._clear()
             yield from self._gather(image, top, count, 0)
-            coming = self._row_sums()
-            if not self.whole:
-                sums[:, top : top + count] = coming.array()[:, :count]
+            self._run(
+                "row_sums", (self._bin_parts, count, self.channels), b[self._name], b[self._sums], grid.across,
+                self._held, count, top, grid.down,
+            )  # fmt: skip
+        self.invert()
         if self.whole:
             self._blur(grid.down, 0, grid.down, grid.wrap_y)
-            sums = coming.array()
-        self._inverse = self._device.upload(self._inverse_of(sums))
+
+    def invert(self) -> None:
+        """G^-1 at equidistant shares, from the sums of all rows of cells. G: the image's cumulative."""
+        b, (low, per_bin) = self._buffers, self._bins
+        self._run("totals", (BINS, self.channels), b[self._sums], b["bin_totals"], self._grid.down)
+        runs = INVERSE // _SHARES + 1
+        self._run("inverse", (runs, self.channels), b["bin_totals"], b[self._inverse], low, self._most, per_bin)
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """Match rows of the learned image. Returns the row at the start of its buffer."""
@@ -203,7 +190,7 @@ class Projection(HeldCells):
         first = image.load(top, bottom)
         self._run(
             "match", (self._grid.width, bottom - top), self._buffers[image.name], self._buffers[self._name],
-            self._inverse, self._buffers[matched], *self._bins, strength, top, bottom - top,
+            self._buffers[self._inverse], self._buffers[matched], *self._bins, strength, top, bottom - top,
             first, self._first_cells, self._held, *self._grid.arguments,
         )  # fmt: skip
         return first
@@ -239,11 +226,6 @@ class Projection(HeldCells):
             )  # fmt: skip
             yield
 
-    def _row_sums(self) -> Download:
-        rows, b = self.channels * self._held, self._buffers
-        self._run("row_sums", (self._bin_parts, rows), b[self._name], b["row_sums"], self._grid.across, rows)
-        return self._device.read_later(b["row_sums"], (self.channels, self._held, BINS), np.float32)
-
     def _blur(self, rows: int, first: int, last: int, wraps: bool) -> None:
         """Cumulatives of rows `first` to `last`, from the stored rows `rows`."""
         b, channels, across, parts = self._buffers, self.channels, self._grid.across, self._bin_parts
@@ -262,15 +244,3 @@ class Projection(HeldCells):
     @property
     def _bin_parts(self) -> int:
         return BINS // (4 if self._device.lanes == 1 else 16)  # cl/histograms.cl, BIN_LANES
-
-    def _inverse_of(self, row_sums: np.ndarray) -> np.ndarray:
-        """G^-1 at equidistant shares, (channels, INVERSE + 1) float32 in grid steps. G: the image's cumulative."""
-        table, shares = np.empty((self.channels, INVERSE + 1), np.float32), np.linspace(0.0, 1.0, INVERSE + 1)
-        for c in range(self.channels):
-            # one row after the other: results are promised to be bit-identical
-            total = np.add.reduce(row_sums[c].astype(np.float64), axis=0)
-            below = np.concatenate([[0.0], np.cumsum(total)])
-            place = np.interp(shares, below / below[-1], np.arange(BINS + 1) - 0.5)
-            low, high = float(self._low[c]), float(self._high[c])
-            table[c] = np.clip(low + place * max(1.0, high - low) / (BINS - 1), low, high)
-        return table

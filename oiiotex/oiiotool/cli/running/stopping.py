@@ -94,6 +94,23 @@ def end_at_once(number: int, _: object = None) -> None:
     os._exit(128 + number)
 
 
+def end_finished(status: int) -> None:
+    """End the process after its work, with all that Python does at exit but freeing every object.
+
+    That takes a sixth of the time of a short line.
+    """
+    import atexit
+    import contextlib
+    import threading
+
+    threading._shutdown()  # type: ignore[attr-defined]  # waits for threads
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # closed
+            stream.flush()
+    os._exit(status)
+
+
 def end_unwound(number: int) -> None:
     """End the process after `Stopped` has unwound it, and remove files that unwinding missed.
 
