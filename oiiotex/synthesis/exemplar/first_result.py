@@ -6,10 +6,11 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple
 
+from ...analysis.drift.correction import Correction
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, resized
+from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -23,8 +24,6 @@ from ..quality.seam_measures import seam_ratio
 
 log = logging.getLogger("oiiotex")
 
-FirstTile: TypeAlias = "tuple[Synthesis, Recipe]"  # a tile, and the recipe of its size and scales
-
 TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
 SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
@@ -34,11 +33,22 @@ _DOUBT = 0.02  # by which a finished tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
-def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-    """Fidelity of a result that is copied from the photo; None if it is too small to measure."""
+class FirstTile(NamedTuple):
+    """A tile, the recipe of its size and scales, and the correction of the photo that evens its seams."""
+
+    synthesis: Synthesis
+    recipe: Recipe
+    evening: Correction | None = None
+
+
+def fidelity_of(
+    photo: JudgedPhoto, source: SourceMap, recipe: Recipe, shown: SomeRows | None = None
+) -> Fidelity | None:
+    """Fidelity of a result that is copied from the photo, or from `shown`; None if it is too small to measure."""
+    lab = photo.lab if shown is None else shown
 
     def rows(first: int, last: int) -> np.ndarray:
-        return source[first:last].gather(photo.lab)
+        return source[first:last].gather(lab)
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
     return photo.fidelity(result, (recipe.wrap_y, recipe.wrap_x), source)
