@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...analysis.drift.correction import Correction
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, SomeRows, resized
+from ...engine.core.demand import MadeRows, SomeRows, resized, rows_of
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -21,6 +22,9 @@ from ..patchmatch.use_prices import SLACK
 from ..quality.fidelity import FAIR, Fidelity, JudgedPhoto
 from ..quality.judged_tries import Dismissed
 from ..quality.seam_measures import seam_ratio
+
+if TYPE_CHECKING:
+    from ...engine.session.progress import Onlooker
 
 log = logging.getLogger("oiiotex")
 
@@ -58,6 +62,16 @@ def coarse_photo(photo: JudgedPhoto, width: int, height: int) -> JudgedPhoto:
     """The photo reduced to the size of a level."""
     original = None if photo.original is None else resized(photo.original, width, height)
     return JudgedPhoto(resized(photo.lab, width, height), coarse_mask(photo.usable, width, height), original)
+
+
+def coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
+    """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
+    if look is None:
+        return None
+    rows = rows_of(photo)
+    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
+    reduced = functools.lru_cache(1)(functools.partial(resized, values))
+    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def glance(coarse: Callable[[int, int], JudgedPhoto], width: int, recipe: Recipe, least: float) -> LevelLook:

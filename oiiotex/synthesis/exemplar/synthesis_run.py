@@ -16,7 +16,7 @@ from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import MadeRows, SomeRows, first_channels, materialized, resized, rows_of
+from ...engine.core.demand import SomeRows, first_channels, materialized
 from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -41,6 +41,7 @@ from .first_result import (
     PLAINER,
     SET_OF_TILES,
     FirstTile,
+    coarse_looks,
     coarse_photo,
     fidelity_of,
     glance,
@@ -57,7 +58,7 @@ from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
     from ...analysis.drift.correction import Correction
-    from ...engine.session.progress import Onlooker, Progress
+    from ...engine.session.progress import Progress
     from ...engine.session.resources import Resources
     from .exemplar_op import ExemplarPixels
     from .patch_synthesis import PatchSynthesis, SynthesisPlan
@@ -107,7 +108,7 @@ def _synthesized(
     lattice = structure if isinstance(structure, Lattice) else None
     wraps = "x" in op.tiles, "y" in op.tiles
     size = fitting_size(op.flag(), lattice, plan.size, plan.is_size_given, wraps)
-    look = _coarse_looks(maps[0], making.look) if op.variants == 1 else None
+    look = coarse_looks(maps[0], making.look) if op.variants == 1 else None
     sigmas = None if plan.sigmamap is None else sigmas_of(plan.sigmamap, *size)
     recipe = op.recipe(*size)
     if plan.evenness is not None:
@@ -139,16 +140,6 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
     changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
     return replace(op, **changed), {"drift": drift}
-
-
-def _coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
-    """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
-    if look is None:
-        return None
-    rows = rows_of(photo)
-    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
-    reduced = functools.lru_cache(1)(functools.partial(resized, values))
-    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def _in_any_order(part: Part, in_memory: bool) -> Part:

@@ -87,10 +87,10 @@ def _steps(
     apart = np.rint(np.linspace(-cells.side, cells.side, _SAMPLES)).astype(np.int64)
     around = np.stack(np.meshgrid(apart, apart, indexing="ij"), -1).reshape(-1, 2)
     both = np.stack([ends, starts])[:, :, None] + around
-    valid = ((both >= 0) & (both < size)).all((0, -1))
+    valid = np.asarray(((both >= 0) & (both < size)).all((0, -1)))
     y, x = np.moveaxis(np.clip(both, 0, size - 1), -1, 0)
     if usable is not None:
-        valid &= usable[y, x].all(0)
+        valid &= usable[y[0], x[0]] & usable[y[1], x[1]]
     lab = np.rint(SourceMap.of(y, x).gather(values)[..., :3].astype(np.float64) * _STEPS)
     differences = lab[0] - lab[1]
     alike = valid & (np.abs(differences) <= np.array(_MOST) * _STEPS).all(-1)
