@@ -101,10 +101,12 @@ def _steps(
     places, which, counts = np.unique(of_end * count + of_start, return_inverse=True, return_counts=True)
     steps = np.zeros((len(places), 3))
     for number, some in enumerate(np.split(np.argsort(which, kind="stable"), np.cumsum(counts)[:-1])):
-        near = alike[some]
+        near, number_valid = alike[some], np.count_nonzero(valid[some])
+        if number_valid == 0:
+            counts[number] = 0  # nothing is known: the field continues
         if not near.any():
             continue
-        share = min(1.0, float(near.sum() / valid[some].sum()) / _ENOUGH)
+        share = min(1.0, float(near.sum() / number_valid) / _ENOUGH)
         step = np.median(differences[some][near], 0) / _STEPS
         level = np.median((lab[0, some] + lab[1, some])[near], 0) / (2 * _STEPS)
         steps[number] = share * tint_between(level + step / 2, level - step / 2)
