@@ -9,6 +9,7 @@ a pixel of the tile stays a corrected copy.
 
 from __future__ import annotations
 
+from ...analysis.drift.compact_regions import LARGEST_TINT
 from ...analysis.drift.correction import Correction, lightening, tint_between
 from ...analysis.stationarity.grid_statistics import Cells
 from ...engine.core.demand import SomeRows
@@ -16,7 +17,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
 _STEPS = 8.0  # of Lab values per unit: medians of integers
-_MOST = 20.0, 12.0, 12.0  # L, a, b: more between two pixels is another object, not light
+_MOST = LARGEST_TINT  # in L, a or b: more between two pixels is another object, not light
 _ENOUGH = 0.625  # share of pixels within these: of fewer, that part of the step is removed
 _SAMPLES = 5  # along and across a cell and half a cell on each side of it, around a pixel at the seam
 _SAMPLED = 16  # pixels for each side of a cell, at most
@@ -93,7 +94,7 @@ def _steps(
         valid &= usable[y[0], x[0]] & usable[y[1], x[1]]
     lab = np.rint(SourceMap.of(y, x).gather(values)[..., :3].astype(np.float64) * _STEPS)
     differences = lab[0] - lab[1]
-    alike = valid & (np.abs(differences) <= np.array(_MOST) * _STEPS).all(-1)
+    alike = valid & (np.abs(differences) <= _MOST * _STEPS).all(-1)
     of_end, of_start = (
         cells.lines[p[:, 0]].astype(np.int64) * cells.across + cells.columns[p[:, 1]] for p in (ends, starts)
     )
