@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.analysis.drift.correction import Correction, lightening, tint_between
+from oiiotex.analysis.drift.correction import Correction, smooth_offset, tint_between
 from oiiotex.analysis.drift.drift_field import drift_cells
 from oiiotex.engine.color.config import ColorConfig
 from oiiotex.engine.core.source_map import SourceMap
@@ -127,7 +127,7 @@ def test_a_correction_turns_one_color_into_the_other():
     own, other = np.array([60.0, 12, -9]), np.array([54.0, 9, -5])
     field = np.broadcast_to(tint_between(own, other), (CELLS.down, CELLS.across, 3))
     made = np.broadcast_to(other.astype(np.float32), (HEIGHT, WIDTH, 3)).copy()
-    lightening(field, CELLS, 100).apply(made, WHOLE)
+    smooth_offset(field, CELLS, 100).apply(made, WHOLE)
     np.testing.assert_allclose(made[20, 20], own, atol=0.4)
 
 

@@ -146,7 +146,7 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     return Correction(SplineSurface(field, drift.cells), (low, high), drift.scale.in_lab)
 
 
-def lightening(field: np.ndarray, cells: Cells, brightest: float) -> Correction:
+def smooth_offset(field: np.ndarray, cells: Cells, brightest: float) -> Correction:
     """The correction that adds to lightness, which color follows, and to tints.
 
     Parameters
@@ -164,7 +164,7 @@ def lightening(field: np.ndarray, cells: Cells, brightest: float) -> Correction:
 
 
 def tint_between(lab: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The values of `lightening` that turn `other` into `lab`, two similar colors (3,); each may be (..., 3)."""
+    """The values of `smooth_offset` that turn `other` into `lab`, two similar colors (3,); each may be (..., 3)."""
     light, a, b = np.moveaxis((lab + other) / 2, -1, 0)
     by = np.moveaxis(lab - other, -1, 0)
     f_y = (np.maximum(light, 0.0) + _BLACK) / 116.0

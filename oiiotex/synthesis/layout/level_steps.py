@@ -10,7 +10,7 @@ a pixel of the tile stays a corrected copy.
 from __future__ import annotations
 
 from ...analysis.drift.compact_regions import LARGEST_TINT
-from ...analysis.drift.correction import Correction, lightening, tint_between
+from ...analysis.drift.correction import Correction, smooth_offset, tint_between
 from ...analysis.stationarity.grid_statistics import Cells
 from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
@@ -54,7 +54,7 @@ def level_correction(
     field = amount * _spread(near, far, counts * (_WEIGHT / min(_SAMPLED, cells.side)), steps, cells)
     step = max(1, (1 << 20) // values.shape[1])
     brightest = max(float(values[at : at + step][..., 0].max()) for at in range(0, values.shape[0], step))
-    return lightening(field, cells, brightest)
+    return smooth_offset(field, cells, brightest)
 
 
 def _across_seams(source: SourceMap, wraps: tuple[bool, bool], least: int) -> tuple[np.ndarray, np.ndarray]:
@@ -81,7 +81,7 @@ def _steps(
     """For each pair of cells that meet at a seam: both cells, the number of its pixels, and the step.
 
     A step is the median of the differences between the photo's pixels around one side and those around the other,
-    in the units of `correction.lightening`. Pixels of different objects do not count.
+    in the units of `correction.smooth_offset`. Pixels of different objects do not count.
     """
     height, width = values.shape[:2]
     size = np.array([height, width])
