@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from ..stationarity.grid_statistics import MARGIN, SplineSurface
+from ..stationarity.grid_statistics import MARGIN, Cells, SplineSurface
 from .compact_regions import LARGEST_LIGHT, LARGEST_TINT, NOISE, tint_of
 from .drift_field import MOST_GAIN, Drift
 
@@ -144,6 +144,33 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
         field = _light_field(drift, share, gain, amount, target)
         low, high = 0.0, high * max(1.0, target[0] / max(drift.overall_level[0], 1.0))
     return Correction(SplineSurface(field, drift.cells), (low, high), drift.scale.in_lab)
+
+
+def smooth_offset(field: np.ndarray, cells: Cells, brightest: float) -> Correction:
+    """The correction that adds to lightness, which color follows, and to tints.
+
+    Parameters
+    ----------
+    field : (down, across, 3) float
+        At the cells' centers: offset of L, and those of f(X) - f(Y) and f(Z) - f(Y) for white.
+    cells : Cells
+    brightest : float
+        Highest L of the image.
+    """
+    wide = np.pad(field, ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), mode="edge")
+    one = np.ones(wide.shape[:2])
+    fields = np.stack([one, wide[..., 0], one, one, one, wide[..., 1], wide[..., 2]], -1)
+    return Correction(SplineSurface(fields, cells), (0.0, brightest), True)
+
+
+def tint_between(lab: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The values of `smooth_offset` that turn `other` into `lab`, two similar colors (3,); each may be (..., 3)."""
+    light, a, b = np.moveaxis((lab + other) / 2, -1, 0)
+    by = np.moveaxis(lab - other, -1, 0)
+    f_y = (np.maximum(light, 0.0) + _BLACK) / 116.0
+    white = np.maximum(f_y - _FOOT, _FOOT)
+    follows = by[0] / (116.0 * f_y)
+    return np.stack([by[0], (by[1] - a * follows) / 500.0 / white, (b * follows - by[2]) / 200.0 / white], -1)
 
 
 def _light_share(drift: Drift) -> np.ndarray:

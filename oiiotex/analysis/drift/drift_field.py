@@ -119,7 +119,7 @@ def drift_of(
         NaN or Inf, or the cells do not fit the budget.
     """
     whole, count, lens = image.first.window, lens.count, replace(lens, least_alpha=_LEAST_ALPHA)
-    cells = Cells.for_sigma(whole, radius, _CELLS_PER_RADIUS, wraps)
+    cells = drift_cells(whole, radius, wraps)
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
     in_lab = lens.space is not None
     shapes = (*places, count), (*places, count), places, places
@@ -151,6 +151,11 @@ def drift_of(
         return None
     lowest, highest = zip(*limits, strict=True)
     return _drift(cells, scratch, radius, robust, ValueRange((min(lowest), max(highest)), in_lab))
+
+
+def drift_cells(window: Window, radius: float, wraps: tuple[bool, bool] = (False, False)) -> Cells:
+    """The cells of an image's drift. `radius`: of the disc, px."""
+    return Cells.for_sigma(window, radius, _CELLS_PER_RADIUS, wraps)
 
 
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:

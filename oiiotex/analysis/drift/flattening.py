@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from ...engine.color.lab import lens_of
 from ...engine.core.access import mapped
@@ -14,6 +15,10 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
+
+if TYPE_CHECKING:
+    from ...engine.color.lens import Lens
+    from .correction import Correction
 
 log = logging.getLogger("oiiotex")
 
@@ -30,6 +35,11 @@ DEFAULT_RADIUS = 0.2  # of the longer side: a smaller one removes the texture's 
 _CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
 _CHANNELS = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
 _UNCHANGED = (1.0,) * 3 + (0.0,) * 3
+
+
+def default_radius(window: Window) -> float:
+    """Radius of the disc for an image, px."""
+    return max(1.0, DEFAULT_RADIUS * max(window.size))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +92,7 @@ class Flattening:
 
         part = source.first
         lens = lens_of(source, resources, space)
-        radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
+        radius = self.radius or default_radius(part.window)
         drift = None if self.amount == 0 else drift_of(source, lens, radius, resources, progress, self.wraps, usable)
         if drift is None:  # no usable pixels, or nothing to do: copy without rounding
             return part, correction_part(None, part), None
@@ -93,20 +103,38 @@ class Flattening:
         shown = ", ".join(f"{v:.1f}" for v in away) + (" in L, a, b" if lens.space is not None else "")
         log.info("%s: local levels differ from the overall level by up to %s (radius %g px)", flag, shown, radius)
 
-        def work(rows: np.ndarray, window: Window) -> np.ndarray:
-            values, opaque = lens.values(rows)
-            change.apply(values, window)
-            made = lens.replaced(rows, values, opaque)
-            # a tint may leave the gamut: what was not negative does not become so
-            return np.maximum(made, np.minimum(rows, 0)) if lens.space and made.dtype.kind == "f" else made
+        field = correction_part(change_of(part, lens, change, resources), part)
+        return corrected(part, lens, change, resources), field, drift.stained()
 
-        def changed(rows: np.ndarray, window: Window) -> np.ndarray:
-            values, opaque = lens.values(rows)
-            done = change.change(values, window)
-            return done if opaque is None else np.where(opaque[..., None], done, np.array(_UNCHANGED, np.float32))
 
-        field = correction_part(mapped(part, changed, resources, spec_beside(part.spec, _CHANNELS)), part)
-        return mapped(part, work, resources), field, drift.stained()
+def corrected(part: Part, lens: Lens, change: Correction, resources: Resources) -> Part:
+    """A part after a correction, in its own color space and type."""
+
+    def work(rows: np.ndarray, window: Window) -> np.ndarray:
+        values, opaque = lens.values(rows)
+        change.apply(values, window)
+        made = lens.replaced(rows, values, opaque)
+        # a tint may leave the gamut: what was not negative does not become so
+        return np.maximum(made, np.minimum(rows, 0)) if lens.space and made.dtype.kind == "f" else made
+
+    return mapped(part, work, resources)
+
+
+def change_of(part: Part, lens: Lens, change: Correction, resources: Resources, before: Part | None = None) -> Part:
+    """Gains, then offsets, of each pixel of a part; with those of an earlier correction that led to it."""
+
+    def changed(rows: np.ndarray, window: Window) -> np.ndarray:
+        values, opaque = lens.values(rows)
+        done = change.change(values, window)
+        if opaque is not None:
+            done = np.where(opaque[..., None], done, np.array(_UNCHANGED, np.float32))
+        if before is None:
+            return done
+        gains, offsets = done[..., :3], done[..., 3:]
+        first = before.read(window)
+        return np.concatenate([gains * first[..., :3], gains * first[..., 3:] + offsets], -1)
+
+    return mapped(part, changed, resources, spec_beside(part.spec, _CHANNELS))
 
 
 def correction_part(changed: Part | None, part: Part) -> Part:

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
+from ...analysis.drift.correction import Correction
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, resized
+from ...engine.core.demand import MadeRows, SomeRows, resized, rows_of
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -21,9 +23,10 @@ from ..quality.fidelity import FAIR, Fidelity, JudgedPhoto
 from ..quality.judged_tries import Dismissed
 from ..quality.seam_measures import seam_ratio
 
-log = logging.getLogger("oiiotex")
+if TYPE_CHECKING:
+    from ...engine.session.progress import Onlooker
 
-FirstTile: TypeAlias = "tuple[Synthesis, Recipe]"  # a tile, and the recipe of its size and scales
+log = logging.getLogger("oiiotex")
 
 TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
@@ -34,11 +37,22 @@ _DOUBT = 0.02  # by which a finished tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
-def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-    """Fidelity of a result that is copied from the photo; None if it is too small to measure."""
+class FirstTile(NamedTuple):
+    """A tile, the recipe of its size and scales, and the correction of the photo that evens its seams."""
+
+    synthesis: Synthesis
+    recipe: Recipe
+    evening: Correction | None = None
+
+
+def fidelity_of(
+    photo: JudgedPhoto, source: SourceMap, recipe: Recipe, shown: SomeRows | None = None
+) -> Fidelity | None:
+    """Fidelity of a result that is copied from the photo, or from `shown`; None if it is too small to measure."""
+    lab = photo.lab if shown is None else shown
 
     def rows(first: int, last: int) -> np.ndarray:
-        return source[first:last].gather(photo.lab)
+        return source[first:last].gather(lab)
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
     return photo.fidelity(result, (recipe.wrap_y, recipe.wrap_x), source)
@@ -48,6 +62,16 @@ def coarse_photo(photo: JudgedPhoto, width: int, height: int) -> JudgedPhoto:
     """The photo reduced to the size of a level."""
     original = None if photo.original is None else resized(photo.original, width, height)
     return JudgedPhoto(resized(photo.lab, width, height), coarse_mask(photo.usable, width, height), original)
+
+
+def coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
+    """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
+    if look is None:
+        return None
+    rows = rows_of(photo)
+    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
+    reduced = functools.lru_cache(1)(functools.partial(resized, values))
+    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def glance(coarse: Callable[[int, int], JudgedPhoto], width: int, recipe: Recipe, least: float) -> LevelLook:

@@ -16,8 +16,8 @@ from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import MadeRows, SomeRows, first_channels, materialized, resized, rows_of
-from ...engine.core.image import Part, from_pixels
+from ...engine.core.demand import SomeRows, first_channels, materialized
+from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import present, whole_budget
@@ -35,11 +35,13 @@ from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
+from .evened_photo import evened_part, evened_values, evening_of
 from .exemplar_masks import both, mask_of
 from .first_result import (
     PLAINER,
     SET_OF_TILES,
     FirstTile,
+    coarse_looks,
     coarse_photo,
     fidelity_of,
     glance,
@@ -55,7 +57,8 @@ from .presets import EVENER, IMPROVED_BY_SIZE, LARGER, LAYOUT
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
-    from ...engine.session.progress import Onlooker, Progress
+    from ...analysis.drift.correction import Correction
+    from ...engine.session.progress import Progress
     from ...engine.session.resources import Resources
     from .exemplar_op import ExemplarPixels
     from .patch_synthesis import PatchSynthesis, SynthesisPlan
@@ -105,7 +108,7 @@ def _synthesized(
     lattice = structure if isinstance(structure, Lattice) else None
     wraps = "x" in op.tiles, "y" in op.tiles
     size = fitting_size(op.flag(), lattice, plan.size, plan.is_size_given, wraps)
-    look = _coarse_looks(maps[0], making.look) if op.variants == 1 else None
+    look = coarse_looks(maps[0], making.look) if op.variants == 1 else None
     sigmas = None if plan.sigmamap is None else sigmas_of(plan.sigmamap, *size)
     recipe = op.recipe(*size)
     if plan.evenness is not None:
@@ -119,10 +122,9 @@ def _synthesized(
     quality = _measures_of(plan.quality, lattice, recipe).during(resources, measuring)
     run = SynthesisRun(
         plan, flat, maps, pixels, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
-        resources, making, judging, Octaves(pixels.values, pixels.usable),
+        resources, making, judging, Octaves(pixels.values, pixels.usable), drift,
     )  # fmt: skip
     first, *others = run.variants() if op.variants > 1 else run.one()
-    first = beside_drift(first, drift)
     measuring.advance(1, 1)
     return (first, *others) if others else first
 
@@ -138,16 +140,6 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
     changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
     return replace(op, **changed), {"drift": drift}
-
-
-def _coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
-    """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
-    if look is None:
-        return None
-    rows = rows_of(photo)
-    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
-    reduced = functools.lru_cache(1)(functools.partial(resized, values))
-    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def _in_any_order(part: Part, in_memory: bool) -> Part:
@@ -196,6 +188,7 @@ class SynthesisRun:
     _progress: Progress
     _judging: Progress
     _octaves: Octaves  # of the photo, for all syntheses from it
+    _drift: dict[str, Part]  # the correction of the photo
 
     @property
     def _op(self) -> PatchSynthesis:
@@ -250,13 +243,16 @@ class SynthesisRun:
         photo = self._judged_photo()
         result = best_tried(op.flag(), self._tries(photo), functools.partial(self._judged, photo), self._progress)
         self._judging.advance(1, 1)
-        (synthesis, recipe), kept = result.made, result.kept
+        (synthesis, recipe, evening), kept = result.made, result.kept
         source, lost = synthesis.source, synthesis.lost
+        run = self._evened(evening)
         quality = _measures_of(self._quality, self._lattice, recipe)
         say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
         op.say_what_stays()
-        first, *others = self._with_heights(self._tiles(source), source)
+        if evening is not None:
+            run._maps[0] = _in_any_order(run._maps[0], self._in_memory)
+        first, *others = run._with_heights(run._tiles(source), source)
         if kept is not None:
             facts = {"oiiotex:chosen": result.spelled, "oiiotex:fidelity": f"{kept.value:.3f}"}
             first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
@@ -265,16 +261,27 @@ class SynthesisRun:
         more = {} if kept is None else kept.measures()
         more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if self._lattice is not None and quality.is_asked_for:
-            more |= regularity_of(self._lab(), source, recipe)
+            more |= regularity_of(run._lab(), source, recipe)
 
         def looked_at() -> tuple[SomeRows, list[Look]]:
-            return present(photo.original), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
+            return present(photo.original), [quality.look_of_copies(first["tile"].name, run._lab(), source)]
 
-        return (quality.add_to(first, looked_at, **more), *others)
+        return (beside_drift(quality.add_to(first, looked_at, **more), run._drift), *others)
 
     def _judged(self, photo: JudgedPhoto, made: FirstTile) -> Fidelity | None:
         with self._resources.stats.time("fidelity"):
-            return fidelity_of(photo, made[0].source, made[1])
+            run = self._evened(made.evening)
+            return fidelity_of(photo, made.synthesis.source, made.recipe, run._lab())
+
+    def _evened(self, evening: Correction | None) -> SynthesisRun:
+        """The same run on the photo after that correction."""
+        if evening is None:
+            return self
+        photo, seen = Image((self._maps[0],), self._op.exemplar.source), self._seen
+        values = evened_values(seen.values, evening, photo.first.window)
+        part, drift = evened_part(photo, evening, self._drift, self._op.working_space, self._resources)
+        maps = [part, *self._maps[1:]]
+        return replace(self, _maps=maps, _seen=replace(seen, values=values), _drift=drift)
 
     def _tries(self, photo: JudgedPhoto) -> list[Try[FirstTile]]:
         """The ways to make the tile that are worth it, the usual one first."""
@@ -282,7 +289,7 @@ class SynthesisRun:
         layout = Try(f"preset={LAYOUT}", lambda _: self._in_own_layout(), _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
             return [replace(layout, improves=())]
-        first = Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))
+        first = Try(recipe.scales, lambda _: FirstTile(self._run(recipe, self._constraints), recipe))
         if not plan.judged:
             return [first]
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
@@ -301,7 +308,7 @@ class SynthesisRun:
 
         def make(least: float) -> FirstTile:
             look = glance(coarse, self._seen.values.shape[1], recipe, least)
-            return textured(self._run(recipe, self._constraints, look=look)), recipe
+            return FirstTile(textured(self._run(recipe, self._constraints, look=look)), recipe)
 
         return Try(recipe.scales, make, improves=improves, breaks=breaks)
 
@@ -311,6 +318,7 @@ class SynthesisRun:
         size = plan.size if plan.is_size_given else (None, None)
         with self._resources.stats.time("layout"):
             layout = kept_layout(seen.values, seen.usable, size, self._wraps)
+            evening = evening_of(layout.source, self._wraps, seen, self._maps[0].window, plan.flattening)
         self._op.inform("%s", layout)
         height, width = layout.source.packed.shape
         recipe = replace(self._recipe, width=width, height=height)
@@ -328,7 +336,7 @@ class SynthesisRun:
         source = mended(layout.source, seen.usable, self._wraps, recipe.patch, filled)
         self._progress.advance(1, 1)
         made = Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe))
-        return made if plan.layout else textured(made, PLAINER), recipe
+        return FirstTile(made if plan.layout else textured(made, PLAINER), recipe, evening)
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
@@ -388,4 +396,4 @@ class SynthesisRun:
             looks = map(self._quality.look_of_copies, op.names_of_set(), itertools.repeat(self._lab()), sources)
             return self._own_lab(), looks
 
-        return (self._quality.add_to(tiles[0], looked_at), *tiles[1:])
+        return (beside_drift(self._quality.add_to(tiles[0], looked_at), self._drift), *tiles[1:])

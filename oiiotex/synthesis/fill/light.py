@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...analysis.drift.drift_field import MOST_GAIN, Drift, drift_of
-from ...analysis.drift.flattening import DEFAULT_RADIUS
+from ...analysis.drift.flattening import default_radius
 from ...analysis.stationarity.grid_statistics import SplineSurface
 from ...engine.color.lab import lens_of
 from ...engine.core.demand import MadeRows, SomeRows
@@ -75,9 +75,8 @@ def drift_within(
     """Levels of a window of an image (from the data window's corner) by its usable pixels, (height, width) bool."""
     whole = image.first.window
     part = cropped(image.first, window.shifted(whole.left, whole.top))
-    radius = max(1.0, DEFAULT_RADIUS * max(window.size))
     lens = lens_of(image, resources, space)
-    return drift_of(Image((part,), image.source), lens, radius, resources, progress, usable=usable)
+    return drift_of(Image((part,), image.source), lens, default_radius(window), resources, progress, usable=usable)
 
 
 def light_of(drift: Drift, target: np.ndarray, amount: float, in_lab: bool, corner: tuple[int, int]) -> Light:
