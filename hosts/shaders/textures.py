@@ -28,6 +28,7 @@ from oiiotex.engine.core.source_map import BITS, Copied
 from oiiotex.engine.errors import Error, ImageError, reason_of
 from oiiotex.engine.io.atomic import temporary_beside
 from oiiotex.engine.io.copies import is_indexed
+from oiiotex.engine.io.owned import checked_name
 from oiiotex.engine.io.reading import read
 
 OWN = np.uint32(1 << 31)  # an entry of the index is the number of a texel, not an offset
@@ -58,11 +59,14 @@ def textures(path: str | Path) -> Textures:
     ------
     ImageError
         The file is not an indexed image, or a map is too large or has integers.
+    ParameterError
+        The name of a map cannot be the name of a file.
     """
     if not is_indexed(path):
         raise ImageError(f"{path}: expected an indexed image, as -o tile.oiiotex writes it")
     parts = read(path).parts
     for part in parts:
+        checked_name(part.name, f"{path}: map")
         _require_values(part, path)
     width, height = _photo_size(parts[0])
     index = index_levels(_offsets(parts[0]))

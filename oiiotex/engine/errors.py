@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 T = TypeVar("T")
+_LONGEST = 2000  # characters of a message: libraries quote lines of damaged files, which may be of any length
 
 
 def one_line(text: str) -> str:
@@ -120,7 +121,8 @@ class Error(Exception):
         text = ": ".join(filter(None, (f"{self.parameter}{value}", problem, expected)))
         at = f"{self.step} : " if self.step else f"{self.op}: " if self.op else ""
         hint = f"; {self.hint}" if self.hint else ""
-        return one_line(spelled(f"{self.where}{at}{text}{hint}", words))
+        line = one_line(spelled(f"{self.where}{at}{text}{hint}", words))
+        return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
     def facts(self) -> dict[str, str]:
         """The fields as a dict; `kind` is the class, `text` the message."""

@@ -89,3 +89,18 @@ def test_an_archive_of_gigabytes_is_refused(files, monkeypatch):
     monkeypatch.setattr(transform_files, "_MOST_ARCHIVE", 2 << 20)
     with pytest.raises(Error, match="its files take more than 2 MB"):
         ColorConfig(str(files / "c.ocioz"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["<a>" * 3000, "<a>" * 100 + "</a>" * 100, f"<{'x' * 5000}/>", f"<a b='{'x' * 5000}'><c?>1</d></a>"],
+    ids=["unclosed", "deep", "long", "malformed"],
+)
+@pytest.mark.parametrize("name", ["a.cc", "a.clf", "a.cube"])
+def test_xml_that_ends_opencolorio_is_refused(tmp_path, name, text):
+    """OpenColorIO 2.5 ends with a segmentation fault on these, or refuses some by other names."""
+    (tmp_path / name).write_text(f"<ProcessList id='a' compCLFversion='3'>{text}</ProcessList>")
+    with pytest.raises(Error, match="XML"):
+        transform_files._require(str(tmp_path / name), set())
+    done = oiiotex("--create", "8x8", "3", "--ociofiletransform", tmp_path / name, "-o", tmp_path / "o.exr")
+    assert done.returncode == 1 and "XML" in done.stderr, done

@@ -18,6 +18,7 @@ from oiiotex.engine.core.window import Window
 from oiiotex.engine.io import sealed
 from oiiotex.engine.io.checkpoint import Checkpoint
 from oiiotex.engine.io.sealed import SealedFolder
+from oiiotex.engine.opencl.runtime import _KERNEL_FILE as FILES
 from tests.conftest import installed, load, save
 
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
@@ -81,6 +82,18 @@ def test_a_folder_that_the_user_names_for_kernels_loses_no_file(tmp_path):
     assert not list(note.parents[1].glob(sealed._LIST))
 
 
+def test_a_folder_that_the_user_names_is_not_used_where_pocl_would_abort(folder):
+    named = folder / "named"
+    shutil.copytree(folder / "cache" / "oiiotex" / "pocl", named)
+    wrong = next(named.rglob("*.so"))
+    wrong.unlink()
+    wrong.mkdir()
+    there = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "POCL_CACHE_DIR": str(named)}
+    done = installed("a.exr", "--texsuperpixel", "-o", "second.exr", cwd=folder, env=there)
+    assert done.returncode == 0 and f"remove {wrong}" in done.stdout + done.stderr, done
+    assert np.array_equal(load(folder / "second.exr"), load(folder / "first.exr")) and wrong.is_dir()
+
+
 def test_a_program_without_its_kernels_is_built_once_more(folder):
     """PoCL takes an empty program.bc for such a program, and so damaged as nobody has sealed it."""
     expected = load(folder / "first.exr")
@@ -90,6 +103,34 @@ def test_a_program_without_its_kernels_is_built_once_more(folder):
         elif path.name == "program.bc":
             path.write_bytes(b"")
     assert np.array_equal(run(folder, "second.exr"), expected)
+
+
+@pytest.mark.parametrize("sealed_list", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_folder_in_place_of_a_kernel_and_a_file_in_place_of_a_folder_are_removed(folder, sealed_list):
+    """PoCL aborts on both."""
+    expected = load(folder / "first.exr")
+    swap(folder, lambda path: path.suffix == ".so" or path.name == "last_accessed", sealed_list)
+    assert np.array_equal(run(folder, "second.exr"), expected)
+    swap(folder, lambda path: path.name.endswith("-smallgrid"), sealed_list)
+    assert np.array_equal(run(folder, "third.exr"), expected)
+    swap(folder, lambda path: path.name == "pocl", sealed_list)
+    assert np.array_equal(run(folder, "fourth.exr"), expected)
+
+
+def swap(folder: Path, chosen: Callable[[Path], bool], sealed_list: bool) -> None:
+    """Each chosen file of the caches becomes a folder with a file in it, and each chosen folder a file."""
+    found = [path for path in sorted((folder / "cache").rglob("*")) if chosen(path)]
+    assert found
+    for path in found:
+        if path.is_dir():
+            shutil.rmtree(path)
+            path.write_bytes(b"x")
+        else:
+            path.unlink()
+            path.mkdir()
+            (path / "x").write_bytes(b"x")
+    for path in [] if sealed_list else (folder / "cache").rglob(sealed._LIST):
+        path.unlink()
 
 
 # --- the seals of a folder ---
@@ -102,12 +143,12 @@ def kernels(tmp_path: Path) -> Path:
     (folder / "AB" / "program.bc").write_bytes(b"program")
     (folder / "AB" / "one" / "one.so").write_bytes(b"kernel")
     (folder / "AB" / "last_accessed").write_bytes(b"")
-    SealedFolder(folder).seal()
+    SealedFolder(folder, FILES).seal()
     return folder
 
 
 def left(folder: Path) -> set[str]:
-    SealedFolder(folder).remove_damaged()
+    SealedFolder(folder, FILES).remove_damaged()
     return {path.name for path in folder.rglob("*") if path.is_file()} - {sealed._LIST}
 
 
@@ -128,8 +169,8 @@ def test_links_and_pipes_among_kernels_are_removed(kernels, tmp_path):
     """A library would write through the one and wait for the other."""
     note, at = tmp_path / "note.txt", kernels / "AB" / "one"
     note.write_text("precious")
-    (at / "link").symlink_to(note)
-    os.mkfifo(at / "pipe")
+    (at / "link.so").symlink_to(note)
+    os.mkfifo(at / "pipe.so")
     left(kernels)
     assert {path.name for path in at.iterdir()} == {"one.so"} and note.read_text() == "precious"
     os.mkfifo(at / "sealed")
@@ -140,7 +181,7 @@ def test_links_and_pipes_among_kernels_are_removed(kernels, tmp_path):
 def test_after_a_start_of_the_machine_all_files_are_read(kernels, monkeypatch, tmp_path):
     """A power loss leaves sizes and times as they were, and zeros in a file; of files without a seal none is whole."""
     (kernels / "AB" / "new.so").write_bytes(b"")
-    seals = SealedFolder(kernels)
+    seals = SealedFolder(kernels, FILES)
     monkeypatch.setattr(sealed, "_digest", lambda path: "0" * 64)
     assert len(left(kernels)) == 4
     for name, text in (("_BOOT", "another"), ("_UPTIME", "0.0 1")):
@@ -159,7 +200,8 @@ def test_a_damaged_list_vouches_for_no_file(kernels):
 def test_links_in_a_folder_are_not_followed(kernels, tmp_path):
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "photo.exr").write_bytes(b"photo")
-    (kernels / "link").symlink_to(tmp_path / "own")
+    (kernels / "link.so").symlink_to(tmp_path / "own")
+    (kernels / "AB" / "link").symlink_to(tmp_path / "own")
     (kernels / sealed._LIST).write_bytes(b"")
     left(kernels)
     assert (tmp_path / "own" / "photo.exr").read_bytes() == b"photo"

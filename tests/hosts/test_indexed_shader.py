@@ -7,7 +7,7 @@ import base64
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import util
 from pathlib import Path
 
@@ -126,6 +126,10 @@ def test_a_large_tile_takes_little_more_than_its_index(tmp_path):
         (
             Image((pieces().parts("five", photo(5), "xy")["five"],)),
             "photo has 5 channels of type half: expected 1 to 4",
+        ),
+        (
+            Image(tuple(replace(part, name=f"../../{part.name}") for part in material(pieces()).parts)),
+            "map '../../map0': expected a printable name",
         ),
     ],
 )

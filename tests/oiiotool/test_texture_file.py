@@ -291,3 +291,9 @@ def test_what_is_no_tile_is_refused(folder, session, level, window):
     texture = opened(read_texture_file(wall(folder, colorspace="lin_rec709_scene")).text(), session)
     with pytest.raises(ImageError, match=r"expected (1 to 16777216 px, near|0 to 16)"):
         texture.tile(level, Window(*window), session)
+
+
+def test_a_pipe_with_the_suffix_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "wall.oiiotex")
+    with pytest.raises(ImageError, match="not a regular file"):
+        read_texture_file(str(tmp_path / "wall.oiiotex"))

@@ -67,6 +67,14 @@ def test_errors_and_warnings_are_one_line(caplog):
     assert _OneLine().format(record) == "a\\x1b]0;x\\x07\\x1b[2J\\u202eb c is odd"
 
 
+def test_a_message_does_not_repeat_a_damaged_file(tmp_path, picture):
+    """OpenColorIO quotes the whole line that it does not understand."""
+    (tmp_path / "bad.cube").write_text("LUT_3D_SIZE 2\n0 0 0" + " 1.5" * 100_000)
+    done = oiiotex(picture, "--ociofiletransform", tmp_path / "bad.cube", "-o", tmp_path / "o.exr")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and len(done.stderr) < 2100
+    assert str(tmp_path / "bad.cube") in done.stderr and " ... " in done.stderr
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no fifos here")
 @pytest.mark.parametrize("line", [
     "pipe -o o.exr", "a.png --ociofiletransform pipe -o o.exr", "a.png --iccread pipe -o o.exr",

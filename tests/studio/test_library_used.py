@@ -125,7 +125,7 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
     assert capsys.readouterr().out.startswith("wall ok 24x24")
 
 
-@pytest.mark.parametrize("value", ["[", "[" * 100_000, "{}}", 7, b"\xff\xfe"])
+@pytest.mark.parametrize("value", ["[", "[" * 100_000, "{}}", 7, b"\xff\xfe", '["\\ud800"]'])
 def test_a_catalog_with_damaged_values_is_an_error(tmp_path, value):
     with Catalog(tmp_path, create=True) as catalog:
         catalog.put(catalogs.Asset("wall", "k", "ok"))

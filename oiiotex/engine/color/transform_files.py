@@ -14,6 +14,7 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from xml.parsers import expat
 
 from ..deferred import ocio
 from ..errors import ImageError
@@ -21,6 +22,7 @@ from ..io.documents import require_regular
 
 _MOST_BYTES = 64 << 20  # of a LUT: a cube of 129 x 129 x 129 as text; it takes 3 s to load
 _MOST_ARCHIVE = 512 << 20  # of all files in a config archive, unpacked
+_MOST_DEPTH, _LONGEST_NAME = 32, 200  # of elements: OpenColorIO overflows its stack and its buffers beyond them
 _REFERENCE = re.compile(rb"<Reference[^>]*\bpath\s*=\s*[\"']([^\"']+)")
 
 
@@ -68,6 +70,8 @@ def _require(path: str, seen: set[str]) -> None:
         return
     seen.add(path)
     require_regular(path, _MOST_BYTES)
+    if os.path.isfile(path):
+        _require_plain_xml(path)
     if path.lower().endswith((".ctf", ".clf")) and os.path.isfile(path):
         for name in _REFERENCE.findall(Path(path).read_bytes()):
             _require(os.path.join(os.path.dirname(path), os.fsdecode(name)), seen)
@@ -97,3 +101,29 @@ def _files_of(transform: ocio.Transform | None) -> Iterator[str]:
             yield from _files_of(one)
     elif isinstance(transform, ocio.FileTransform):
         yield transform.getSrc()
+
+
+def _require_plain_xml(path: str) -> None:
+    """Refuse XML, of any suffix, that ends OpenColorIO 2.5 with a segmentation fault: not well-formed, or deep."""
+    depth = 0
+
+    def begin(name: str, _: object) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _MOST_DEPTH or len(name) > _LONGEST_NAME:
+            raise ImageError(f"{path}: expected at most {_MOST_DEPTH} levels of XML, with short names")
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    with open(path, "rb") as file:
+        if not file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+            return
+        file.seek(0)
+        parser = expat.ParserCreate()
+        parser.StartElementHandler, parser.EndElementHandler = begin, end
+        try:
+            parser.ParseFile(file)
+        except expat.ExpatError as error:
+            raise ImageError(f"{path}: not well-formed XML: {error}") from error

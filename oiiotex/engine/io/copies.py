@@ -36,7 +36,7 @@ _HELD = 4  # a map is held decoded if it fits into the cache that many times
 
 def is_indexed(path: str | Path) -> bool:
     """Whether a file is an indexed image. Other files with this suffix are documents of endless textures."""
-    if not str(path).endswith(SUFFIX):
+    if not (str(path).endswith(SUFFIX) and Path(path).is_file()):  # a fifo would be waited for
         return False
     try:
         with open(path, "rb") as file:

@@ -13,6 +13,7 @@ import io
 import json
 import mmap
 import os
+import re
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import TypeAlias
 from ..deferred import np
 from ..errors import Error
 from .atomic import temporary_beside
+from .owned import remove_folder
 
 _DIGEST = 64  # characters; keeps arrays aligned
 _LIST = "oiiotex.seal"
@@ -112,16 +114,20 @@ class SealedFolder:
 
     A file without a seal was kept by a process that was killed, or still runs. It is complete, because libraries rename
     what they have written, unless the machine has lost power since: then it is also removed. A file is read again if
-    it has changed since it was sealed, or the machine has started since.
+    it has changed since it was sealed, or the machine has started since. What is `misplaced` is removed:
+    `file_name` matches the names that the library gives to files.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, file_name: str):
         self.folder = folder
+        self._file_name = re.compile(file_name)
         self._seals: dict[str, Seal] = {}
 
     def remove_damaged(self) -> None:
         """Remove each file that is not as it was sealed. The library makes it again."""
         same_boot, sealed, complete_since = False, {}, _started()
+        if os.path.lexists(self.folder) and not self.folder.is_dir():
+            self.folder.unlink(missing_ok=True)
         try:
             document = json.loads(read_sealed(self.folder / _LIST).read())
             same_boot = document["boot"] == _boot() != ""
@@ -158,24 +164,38 @@ class SealedFolder:
                 write_sealed(temporary, [content])  # without it the next run seals the files
                 self._seals = seals
 
+    def misplaced(self) -> Iterable[str]:
+        """Paths of files where the library has a folder, and of folders where it has a file. PoCL aborts on them."""
+        return (entry.path for _, entry, as_named in self._entries() if not as_named)
+
     def _files(self) -> Iterable[tuple[str, int, int]]:
-        """Name, size and time of change of each file. What is neither file nor folder is removed.
+        """Name, size and time of change of each file. What is misplaced, or neither file nor folder, is removed.
 
         Each process that opens a device looks at every file, thousands in old caches: no `Path` is made for each.
         """
+        for name, entry, as_named in self._entries():
+            with contextlib.suppress(OSError):
+                if not as_named and entry.is_dir(follow_symlinks=False):
+                    remove_folder(Path(entry.path), self.folder)
+                elif not as_named or not entry.is_file(follow_symlinks=False):  # a library would write through a link
+                    os.unlink(entry.path)
+                elif "/" in name or _LIST[:-5] not in name:
+                    status = entry.stat(follow_symlinks=False)
+                    yield name, status.st_size, status.st_ctime_ns
+
+    def _entries(self) -> Iterable[tuple[str, os.DirEntry[str], bool]]:
+        """Name, entry, and whether it is what its name says, of everything but folders that are."""
         root, folders = str(self.folder), [""]
         while folders:
             below = folders.pop()
             with contextlib.suppress(OSError), os.scandir(f"{root}/{below}") as entries:
                 for entry in entries:
-                    name = f"{below}{entry.name}"
-                    if entry.is_dir(follow_symlinks=False):
+                    name, is_folder = f"{below}{entry.name}", entry.is_dir(follow_symlinks=False)
+                    as_named = is_folder != bool(self._file_name.fullmatch(entry.name))
+                    if is_folder and as_named:
                         folders.append(f"{name}/")
-                    elif not entry.is_file(follow_symlinks=False):  # a library would write through a link
-                        os.unlink(entry.path)
-                    elif not (below == "" and _LIST[:-5] in name):
-                        status = entry.stat(follow_symlinks=False)
-                        yield name, status.st_size, status.st_ctime_ns
+                    else:
+                        yield name, entry, as_named
 
 
 def _digest(path: Path) -> str:

@@ -15,6 +15,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import json
+import logging
 import os
 import platform
 import re
@@ -39,9 +40,11 @@ from . import cpu as opencl_cpu
 if TYPE_CHECKING:
     import pyopencl as cl
 
+log = logging.getLogger("oiiotex")
 _PROBE_SECONDS = 120
 _CAPTURED = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
 _VENDORS = Path("/etc/OpenCL/vendors")
+_KERNEL_FILE = r".*\..*|last_accessed|tempfile.*"  # names of files in PoCL's folder; those of its folders have no dot
 _LLD_WRAPPER = """#!/bin/sh
 # Written by oiiotex: LLD as PoCL's linker. A kernel needs none of the libraries that PoCL lists.
 for arg do
@@ -111,9 +114,14 @@ def _check_kernels() -> None:
     from ..io.sealed import SealedFolder
 
     own = cache_folder() / "pocl"
-    if Path(os.environ.setdefault("POCL_CACHE_DIR", str(own))) != own:
+    named = Path(os.environ.setdefault("POCL_CACHE_DIR", str(own)))
+    wrong = next(iter(SealedFolder(named, _KERNEL_FILE).misplaced()), "") if named != own else ""
+    if wrong:
+        log.warning("POCL_CACHE_DIR=%s is not used: remove %s, which makes PoCL abort", named, wrong)
+        os.environ["POCL_CACHE_DIR"] = str(own)
+    elif named != own:
         return
-    kernels, process = SealedFolder(own), os.getpid()
+    kernels, process = SealedFolder(own, _KERNEL_FILE), os.getpid()
     kernels.remove_damaged()
     atexit.register(lambda: kernels.seal() if os.getpid() == process else None)
 

@@ -79,6 +79,8 @@ class Begun:
                 value=str(self.path),
                 expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tiles",
             )
+        if demand.guide is not None and np.shape(self.demand.guide) != demand.guide.shape:
+            raise ImageError(parameter="fromplan", value=str(self.path), expected="a plan of --texpaint")
         changed = self.demand.keys != demand.keys
         if demand.guide is not None:
             changed |= (present(self.demand.guide) != demand.guide).any((2, 3))

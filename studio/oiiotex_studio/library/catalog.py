@@ -170,6 +170,7 @@ class Catalog:
                 checked_name(name, "asset")
             try:
                 reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
+                "".join(map(str, reasons)).encode()  # JSON can hold half a surrogate pair, which cannot be printed
             except (ValueError, TypeError, RecursionError) as error:
                 raise Error(f"asset '{row[0]}': {error}: expected lists") from error
             if row[2] not in STATUSES:
