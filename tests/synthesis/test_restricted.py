@@ -30,6 +30,7 @@ from oiiotex.synthesis.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
+pytestmark = pytest.mark.usefixtures("few_places")
 PHOTO = pictures.bricks(160, 192, seed=4)
 
 
