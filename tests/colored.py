@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+import warnings
+from functools import cache
+from types import ModuleType
+
 import numpy as np
 import OpenImageIO as oiio
 
@@ -15,6 +19,15 @@ from oiiotex.engine.session import Session
 LINEAR = "lin_rec709_scene"
 SRGB = "srgb_rec709_scene"
 KINDS = {"B": "uint8", "b": "int8", "H": "uint16", "h": "int16", "I": "uint", "e": "half", "f": "float", "d": "double"}
+
+
+@cache
+def science() -> ModuleType:
+    """colour-science, which takes a second to import: not for every process that collects tests."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it misses matplotlib
+        import colour
+    return colour
 
 
 def image_of(pixels, names: str | tuple[str, ...] = "RGB", space: str = "", source: str = "photo.exr") -> Image:

@@ -250,7 +250,7 @@ def steps_across(made: np.ndarray) -> list[float]:
     return [float(jump[0] / jump[1:].max()) for jump in jumps]
 
 
-@pytest.mark.parametrize("size", [(97, 131), (64, 96), (40, 300)])
+@pytest.mark.parametrize("size", [(97, 131), (40, 300)])
 def test_what_tiles_goes_on_to_tile(size):
     photo = wrapping(*size)
     y, x = steps_across(pixels(filters.flatten(linear(photo), radius=40, tiled="xy")))
@@ -280,7 +280,7 @@ def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
     np.testing.assert_array_equal(made, again)
 
 
-@pytest.mark.parametrize(("places", "absorbed", "covers"), [(FEW, MILD, 0), (FEW, STRONG, 0), (MANY, STRONG, 1)])
+@pytest.mark.parametrize(("places", "absorbed", "covers"), [(FEW, STRONG, 0), (MANY, STRONG, 1)])
 def test_stains_and_few_objects_are_no_source_of_a_tile(places, absorbed, covers):
     photo = with_spots(places, absorbed)[1]
     made = filters.stationarize(linear(photo), iterations=3, st=True)

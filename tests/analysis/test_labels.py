@@ -254,7 +254,7 @@ def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
 
 
 def test_the_coarsest_level_has_as_many_labels_as_are_asked_for():
-    picture, truth = quarters(192)
+    picture, truth = quarters(128)
     made = filters.label(buffer(picture), maxlabels=3)
     last = sorted((p for p in made if p.startswith("label.")), key=lambda p: int(p[6:]))[-1]
     assert len(np.unique(made[last].get_pixels(oiio.UINT32))) == 3

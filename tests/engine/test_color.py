@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import PyOpenColorIO as ocio
 import pytest
@@ -12,11 +10,7 @@ import pytest
 from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.engine.core.demand import bands
 from oiiotex.engine.errors import ImageError
-from tests.colored import LINEAR, SRGB, image_of, lab, seen
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # it misses matplotlib
-    import colour
+from tests.colored import LINEAR, SRGB, image_of, lab, science, seen
 
 D65 = np.array([0.3127, 0.3290])  # the white that sRGB (IEC 61966-2-1) is defined with
 
@@ -33,7 +27,7 @@ def config() -> ColorConfig:
 
 def xyz(linear: np.ndarray) -> np.ndarray:
     """Linear sRGB -> XYZ by the matrix that follows from the primaries, not the standard's one of four digits."""
-    space = colour.models.RGB_COLOURSPACE_sRGB.copy()
+    space = science().models.RGB_COLOURSPACE_sRGB.copy()
     space.use_derived_transformation_matrices(True)
     return linear.astype(np.float64) @ space.matrix_RGB_to_XYZ.T
 
@@ -46,7 +40,7 @@ def assert_is_lab_of(values: np.ndarray, linear: np.ndarray) -> None:
     0.3290) in sRGB and colour-science, and XYZ = (0.95047, 1, 1.08883) in CIE 15; they differ by 2.1e-4 in Z, so that
     b* may differ by 200 / 3 * 2.1e-4 = 0.014 per unit of f. That is one seventieth of a just noticeable difference.
     """
-    expected = colour.XYZ_to_Lab(xyz(linear), D65)
+    expected = science().XYZ_to_Lab(xyz(linear), D65)
     f = np.maximum(1, np.cbrt(np.abs(xyz(linear))).max(axis=-1))
     error = np.abs(values - expected)
     assert (error[..., 0] <= 1e-4 * f).all(), (error[..., 0] / f).max()
@@ -72,8 +66,8 @@ def test_lab_of_linear_color_is_that_of_colour_science_from_small_negatives_to_6
 
 def test_lab_of_encoded_srgb_is_that_of_its_linear_light(config):
     codes = np.random.default_rng(2).integers(0, 256, (30, 40, 3), np.uint8)
-    linear = colour.models.eotf_sRGB(codes / 255)
-    error = np.abs(lab(codes, config, space=SRGB) - colour.XYZ_to_Lab(xyz(linear), D65))
+    linear = science().models.eotf_sRGB(codes / 255)
+    error = np.abs(lab(codes, config, space=SRGB) - science().XYZ_to_Lab(xyz(linear), D65))
     assert error.max() < 0.02  # as above; OCIO's curve meets its foot 1e-7 beside the standard's
 
 

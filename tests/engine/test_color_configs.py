@@ -6,13 +6,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import colour
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
 from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.engine.errors import ColorError
+from tests.colored import science
 from tests.conftest import load, oiiotex, save
 
 LEGACY = """\
@@ -96,6 +96,7 @@ def lab_of(config: ColorConfig, space: str, rgb: list[float]) -> np.ndarray:
 
 def test_a_legacy_config_meets_lab_at_the_space_that_the_option_names(legacy):
     found = lab_of(ColorConfig(str(legacy), ("lin", "lin_rec709")), "gamma22", [0.2, 0.7, 0.1])
+    colour = science()
     white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
     xyz = colour.RGB_to_XYZ(np.array([0.2, 0.7, 0.1]) ** 2.2, "sRGB", white)
     np.testing.assert_allclose(found, colour.XYZ_to_Lab(xyz, white), atol=0.01)

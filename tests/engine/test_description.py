@@ -20,6 +20,7 @@ from tests import pictures
 from tests.any_filter import buffer
 from tests.conftest import save
 
+pytestmark = pytest.mark.usefixtures("few_places")
 ALBEDO, ROUGH = pictures.bricks(64, 80, 2), pictures.smooth_noise(64, 80, 5, 2)[..., None]
 MATERIAL = "--texstationarize:kinds=color,normal,data:iterations=2:size=48x40:patch=7"
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import colour
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from oiiotex import filters
 from oiiotex.engine import errors
 from tests.any_filter import buffer, pixels
+from tests.colored import science
 
 RNG = np.random.default_rng(0)
 
@@ -18,6 +18,7 @@ RNG = np.random.default_rng(0)
 def test_it_is_lab_as_the_cie_says():
     rgb = RNG.random((23, 31, 3))
     made = filters.lab(buffer(rgb, space="lin_rec709_scene"))
+    colour = science()
     white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
     xyz = colour.RGB_to_XYZ(rgb, "sRGB", apply_cctf_decoding=False)
     np.testing.assert_allclose(pixels(made), colour.XYZ_to_Lab(xyz, white), atol=0.02)

@@ -15,7 +15,7 @@ from oiiotex.engine.stats import Stats
 from oiiotex.oiiotool.cli.running import progress
 from oiiotex.oiiotool.cli.running.progress import Display
 
-LINE = ("--texstationarize:size=64x64:iterations=20", "-o", "tile.exr")
+LINE = ("--texstationarize:size=64x64:iterations=5", "-o", "tile.exr")
 # a bar appears at once, not after a second of work
 EARLY = """
 import sys

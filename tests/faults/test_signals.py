@@ -108,6 +108,7 @@ def work(words):
         sys.stdin.readline()
     return 0
 
+signal.alarm(100)  # ends the program even if nobody else does: its test may have been killed
 exit_with(sys.argv[1:], work)
 """
 

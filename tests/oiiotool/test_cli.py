@@ -16,6 +16,7 @@ from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.peer import OIIOTOOL
 
+pytestmark = pytest.mark.usefixtures("few_places")
 QUICK = ":size=64x64:iterations=4"
 
 

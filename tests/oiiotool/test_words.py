@@ -28,10 +28,6 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.
                 *ROOT.glob("oiiotex/**/README.md"), *ROOT.glob("studio/**/README.md")])  # fmt: skip
 # where figures come from, which is not shown, and lines of benchmarks
 OTHER_TEXT = re.compile("<!--.*?-->|`python -m (?:benchmarks|tools)[^`]*`", re.DOTALL)
-TEXTS = {str(path.relative_to(ROOT)): OTHER_TEXT.sub("", path.read_text())
-         for path in PAGES if path.name != "your_own_filter.md"}  # fmt: skip
-TEXTS |= {"--help": help.topic(), "--help all": report.overview()}
-TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
 # words that are named because they are wrong, or stand for others
 WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value",
          "--op:modifier"}  # fmt: skip
@@ -49,6 +45,18 @@ SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
 NO_MODIFIERS = {"colorspace", "lines", "as_array", "kind"}  # of Python alone, and of a function for Gaffer
 OTHER_FILES = {".shape", ".venv", ".gitignore", ".typed", ".hlsl", ".wgsl", ".lp"}
+
+
+@functools.cache
+def texts() -> dict[str, str]:
+    """Pages, and what help prints, by their names."""
+    found = {
+        str(path.relative_to(ROOT)): OTHER_TEXT.sub("", path.read_text())
+        for path in PAGES
+        if path.name != "your_own_filter.md"
+    }
+    found |= {"--help": help.topic(), "--help all": report.overview()}
+    return found | {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
 
 
 def library_options() -> set[str]:
@@ -99,7 +107,7 @@ def missing_words(text: str) -> list[str]:
 
 def missing_in_texts(missing: Callable[[str], Iterable[str]]) -> dict[str, list[str]]:
     """What is missing of each text, where anything is."""
-    return {source: found for source, text in TEXTS.items() if (found := sorted(missing(text)))}
+    return {source: found for source, text in texts().items() if (found := sorted(missing(text)))}
 
 
 def test_every_option_and_its_modifiers_are_there():
@@ -107,7 +115,7 @@ def test_every_option_and_its_modifiers_are_there():
 
 
 def test_every_line_that_is_shown_is_one_that_the_program_takes():
-    lines = [line for text in TEXTS.values() for line in shown(text, "oiiotex ")]
+    lines = [line for text in texts().values() for line in shown(text, "oiiotex ")]
     assert len(lines) > 200
     for line in lines:
         if "..." in line or "[" in line:  # a synopsis
@@ -124,7 +132,7 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes():
 
 def test_every_color_space_that_is_named_is_in_the_config_that_is_built_in():
     config, named = Session().resources.color, set()
-    for text in TEXTS.values():
+    for text in texts().values():
         named |= {"".join(found) for found in re.findall(SPACES, text)}
     assert "sRGB" in named
     for name in named - PLACEHOLDERS:
@@ -132,7 +140,7 @@ def test_every_color_space_that_is_named_is_in_the_config_that_is_built_in():
 
 
 def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes():
-    lines = [line for text in TEXTS.values() for line in shown(text, "oiiotex-library ")]
+    lines = [line for text in texts().values() for line in shown(text, "oiiotex-library ")]
     assert lines
     for line in lines:
         words = shlex.split(re.split(r" \|\| | > ", line)[0], comments=True)[1:]

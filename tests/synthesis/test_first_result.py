@@ -56,7 +56,7 @@ def lab_of(image: oiio.ImageBuf) -> np.ndarray:
 # --- drift and structure are two decisions ---
 
 
-@pytest.mark.parametrize("kind", [oiio.UINT8, oiio.HALF, oiio.FLOAT])
+@pytest.mark.parametrize("kind", [oiio.UINT8, oiio.FLOAT])
 def test_flatten_is_texflatten_first(kind):
     light = np.linspace(0.4, 1.2, 112)[:, None]
     given = buffer(light * pictures.pebbles(96, 112, 3), space="lin_rec709_scene", kind=kind)  # stains are not copied
@@ -89,7 +89,7 @@ def test_without_flatten_nothing_is_corrected():
 
 
 def test_other_maps_of_a_material_are_copies():
-    given, other = photo(), buffer(np.random.default_rng(0).random((96, 112, 3)), space="")
+    given, other = photo(64, 72), buffer(np.random.default_rng(0).random((64, 72, 3)), space="")
     made = filters.stationarize(given, maps=[other], **QUICK)
     known = {p.tobytes() for p in pixels(other).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(made[1]).reshape(-1, 3))
@@ -195,7 +195,7 @@ def test_fidelity_sees_lost_colors_and_broken_lines():
     assert said in broken.beyond and said not in kept.beyond
 
 
-@pytest.mark.parametrize("side", [96, 128, 360])
+@pytest.mark.parametrize("side", [96, 360])
 def test_fidelity_does_not_depend_on_the_size_of_a_result(side):
     """Another piece of the texture is good at any size, and a crushed one is not."""
     for sigma in (2.0, 5.0):

@@ -16,6 +16,7 @@ from oiiotex.synthesis.exemplar.heights import large_steps, levels, neighbors
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
+pytestmark = pytest.mark.usefixtures("few_places")
 ALBEDO = pictures.pebbles(96, 96, seed=4)
 BUMPS = 0.04 * pictures.smooth_noise(96, 96, 5, 2)
 RELIEF = BUMPS + 0.5 * pictures.smooth_noise(96, 96, 40, 7)  # which colors do not show

@@ -51,10 +51,9 @@ def test_labels_become_colors_that_lie_apart(count):
     assert distance.min() >= 0.5 * 100 / np.ceil(count ** (1 / 3))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_shares_and_neighborhoods_are_kept(device, seed):
-    ids = blobs(seed=seed)
-    made = grow(device, ids, seed=seed)
+def test_shares_and_neighborhoods_are_kept(device):
+    ids = blobs(seed=1)
+    made = grow(device, ids, seed=1)
     assert made.ids.shape == (100, 125) and set(np.unique(made.ids)) <= {1, 2, 3}
     found, grown = ([np.mean(m == k) for k in (1, 2, 3)] for m in (ids, made.ids))
     assert np.abs(np.subtract(found, grown)).sum() / 2 < 0.15
@@ -78,7 +77,7 @@ def test_the_figures_are_the_distances_of_the_statistics():
 
 def test_of_several_starts_the_best_is_taken(device):
     ids = blobs(seed=5)
-    sums = [made.shares + made.neighbors for made in (grow(device, ids, tries=n) for n in (1, 2, 4))]
+    sums = [made.shares + made.neighbors for made in (grow(device, ids, tries=n) for n in (1, 3))]
     assert sums == sorted(sums, reverse=True)
 
 
@@ -124,14 +123,14 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.composite(
             {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)},
-            size=(400, 360),
+            size=(300, 260),
             patch=16,
             grown=True,
             labelmaps=True,
         )
     assert list(made) == ["composite", "label.1", "grown"]
     wanted, filled = pixels(made["grown"])[..., 0], pixels(made["label.1"])[..., 0]
-    assert wanted.shape == filled.shape == (360, 400) and pixels(made["composite"]).shape == (360, 400, 3)
+    assert wanted.shape == filled.shape == (260, 300) and pixels(made["composite"]).shape == (260, 300, 3)
     inside = np.ones(wanted.shape, bool)  # away from borders
     for shift in (-8, 8):
         inside &= (np.roll(wanted, shift, 0) == wanted) & (np.roll(wanted, shift, 1) == wanted)

@@ -15,6 +15,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 
+pytestmark = pytest.mark.usefixtures("few_places")
 ALBEDO = pictures.bricks(64, 80, 2)
 QUICK = {"iterations": 3, "patch": 7, "size": (72, 48)}
 KINDS = "color,normal,data"

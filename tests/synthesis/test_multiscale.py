@@ -79,13 +79,12 @@ def test_a_window_is_the_oracles(loop, in_lanes, place):
     assert {loop.stacks.levels.stacks[n][0] for n in np.unique(texel >> 8)} == {1}
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_a_plane_of_exemplars_that_do_not_tile_has_no_combs(device, seed):
+def test_a_plane_of_exemplars_that_do_not_tile_has_no_combs(device):
     """Children of a texel at the border do not alternate between opposite borders (stripes of 32 L)."""
     ramp = np.linspace(0.1, 0.9, 64)[None, :, None]
     shaded = [0.3 * pictures.pebbles(64, 64, n) + 0.7 * ramp for n in (1, 2, 3)]
     analysis = analyzed(device, graph_of("abc", ("a", "b", 1), ("b", "c", 1)), *shaded)
-    plane = Synthesizer(device, analysis, settings(seed=seed, jitter=default_jitter(6), kept=1.0), BUDGET)
+    plane = Synthesizer(device, analysis, settings(jitter=default_jitter(6), kept=1.0), BUDGET)
     texel, offset = plane.window(8, Window(0, 0, 256, 256))
     light = (analysis.stacks.planes.reshape(-1, 4)[texel][..., 0] + offset[..., 0]) / 8
     alternating = np.where(np.arange(256) % 2, 1, -1)
@@ -109,7 +108,7 @@ def test_any_window_is_the_whole_cropped(device, loop, passes, level, far):
     whole = Window.sized(far - 21, -far + 13, 70, 61)
     texel, offset = maker.window(level, whole)
     random = np.random.default_rng(level + passes)
-    for _ in range(12):
+    for _ in range(6):
         left, right = np.sort(random.choice(71, 2, replace=False)) + whole.left
         top, bottom = np.sort(random.choice(62, 2, replace=False)) + whole.top
         window = Window(int(left), int(top), int(right), int(bottom))
@@ -212,8 +211,9 @@ def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
 
 
 @pytest.mark.parametrize(
-    "name, r", [("gravel", 1), ("bark_flaky", 2), *(pytest.param(*one, marks=pytest.mark.slow) for one in
-                [("grass", 2), ("gravel", 3), ("flower_meadow_stones", 1), ("castle_brick_broken", 3)])],
+    "name, r", [("gravel", 1), *(pytest.param(*one, marks=pytest.mark.slow) for one in
+                [("bark_flaky", 2), ("grass", 2), ("gravel", 3), ("flower_meadow_stones", 1),
+                 ("castle_brick_broken", 3)])],
 )  # fmt: skip
 def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
     """One exemplar that is alike 2^r times of itself: octaves down it is neither flat nor out of its gamut."""

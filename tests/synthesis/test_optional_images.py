@@ -14,6 +14,7 @@ from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 from tests.everything import Everything
 
+pytestmark = pytest.mark.usefixtures("few_places")
 OP = "--texpatchmatch:size=40x36:iterations=2"
 PHOTO = pictures.bricks(64, 72, seed=4)
 LEFT = (np.indices((64, 72))[1] < 40)[..., None]

@@ -31,6 +31,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference.histograms import matching_table
 
+pytestmark = pytest.mark.usefixtures("few_places")
 PHOTO = pictures.bricks(160, 192, seed=4)
 
 

@@ -189,7 +189,7 @@ def test_a_graphs_map_says_exemplar_place_and_offset(folder):
     assert not still.all() and np.abs(found[0] - gray)[~still].max() > 0.05
 
 
-@pytest.mark.parametrize("name", ["mars", "drone_caliterra", "sand_grain_ladder"])
+@pytest.mark.parametrize("name", ["mars", pytest.param("drone_caliterra", marks=pytest.mark.slow), "sand_grain_ladder"])
 def test_the_test_graphs_are_synthesized(folder, name):
     path = data_folder() / "multiscale" / name / "graph.json"
     run_in(folder, "--autocc", f"--texsynth:graph={path}:exemplarside=64:window=64x64+100+100", "-o", f"{name}.png")
@@ -261,8 +261,11 @@ def test_memory_does_not_grow_with_the_image(folder):
     assert megabytes("8192x3072") < some + 32 < 500
 
 
-@pytest.mark.parametrize("flattening", ["", ":flattening=0"])
-@pytest.mark.parametrize("op", ["--texsynth:size=96x64", "--texquilt:size=96x64:patch=16"])
+@pytest.mark.parametrize(
+    ("op", "flattening"),
+    [("--texsynth:size=96x64", ""), ("--texsynth:size=96x64", ":flattening=0"),
+     ("--texquilt:size=96x64:patch=16", ":flattening=0")],
+)  # fmt: skip
 def test_nothing_slow_is_imported(folder, op, flattening):
     """scipy takes longer to import than its part of the work would; so does numpy.ma, which np.unique brings.
 

@@ -29,6 +29,7 @@ from tests.conftest import load, oiiotex
 from tests.reference.wang import border_steps, sample_wang
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_places")
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 HEIGHTS = (0.5 + np.sin(np.arange(96) / 9)[:, None] * np.cos(np.arange(112) / 11) / 4)[..., None]  # unlike the colors
 SMALL = {"size": (32, 32), "iterations": 4, "patch": 7, "seed": 1, "variants": 16}
