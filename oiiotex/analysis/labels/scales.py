@@ -3,8 +3,7 @@
 
 Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures from the paper:
 
-1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels. Here a `share` of them is
-   enough (1: the paper), so that no single superpixel ends the search.
+1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels. Here a `share` is enough.
 2. Coarser levels from other methods may be given (`label_maps`).
 3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
    decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
@@ -13,15 +12,14 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    superpixels nearest to them.
 6. The paper splits a label wherever a coarser border crosses it. Here a label stays whole and has several parents: the
    coarser labels that contain at least `_PART` of it, or consist of it to that part. A superpixel in no parent of its
-   label takes the most likely label that has its parent. In addition, G is smoothed over neighbors by a Potts step.
+   label takes the most likely label that has its parent. G is smoothed over neighbors by a Potts step.
 7. A level that equals the next finer one is dropped, and one of a single label, unless it is the coarsest.
 8. The factorization has no restarts (`stochastic_nmf`).
 9. Scales end at `LARGEST`, where about 100 superpixels are left. Labels of 25, as in the paper, are found by chance.
 
-`literal` reverts 3, 4, 6, 7, 8 and 9, the floor of the walk's eigenvalue, and the settling of superpixels of large images
-on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
-from their text: scales are 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and the coarsest of
-them is a level even if some of its superpixels lie in one label, so there are at least two levels.
+`literal` reverts 3, 4, 6, 7, 8 and 9, the floor of the walk's eigenvalue, and the settling of superpixels of large
+images on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`)
+has scales of 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and always the coarsest as a level.
 """
 
 from __future__ import annotations
