@@ -26,9 +26,9 @@ from sklearn.metrics.cluster import contingency_matrix, pair_confusion_matrix
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.analysis.labels.features import features_of, small_lab
-from oiiotex.analysis.labels.scales import LARGEST, LabelMaps, LabelSettings, label_levels
+from oiiotex.analysis.labels.scales import LabelMaps, LabelSettings, label_levels
 from oiiotex.analysis.segmentation.subtextures import superpixel_subtextures
-from oiiotex.analysis.superpixels.hierarchy import hierarchy, scales
+from oiiotex.analysis.superpixels.hierarchy import hierarchy
 from oiiotex.analysis.superpixels.superpixels import superpixels
 from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.core.image import Image, from_buffer, to_buffer
@@ -127,7 +127,7 @@ def main() -> None:
         lens = lens_of(case.image, session.resources)
         start = time.perf_counter()
         found = superpixels(case.image, lens, session.resources)
-        levels = hierarchy(found, session.resources, scales(found.sigma, LARGEST * min(found.window.size)))
+        levels = hierarchy(found, session.resources)
         small = small_lab(found)
         before = time.perf_counter() - start
         ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1

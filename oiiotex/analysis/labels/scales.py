@@ -15,9 +15,8 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    label takes the most likely label that has its parent. G is smoothed over neighbors by a Potts step.
 7. A level that equals the next finer one is dropped, and one of a single label, unless it is the coarsest.
 8. The factorization has no restarts (`stochastic_nmf`).
-9. Scales end at `LARGEST`, where about 100 superpixels are left. Labels of 25, as in the paper, are found by chance.
 
-`literal` reverts 3, 4, 6, 7, 8 and 9, the floor of the walk's eigenvalue, and the settling of superpixels of large
+`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large
 images on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`)
 has scales of 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and always the coarsest as a level.
 """
@@ -53,7 +52,6 @@ _RUN_BYTES = 40  # peak, per run of the label map while the hierarchy is built
 _DESCRIBED, _LABELED = 550, 800  # time for each superpixel, in that of cutting a pixel
 _NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
-LARGEST = 0.1  # of the shorter side: the coarsest scale of a walk
 AUTHORS_COARSEST = 0.3  # of the longer side: the coarsest scale of the authors' program
 _PART = 0.05  # of a label in a coarser one, or of that in the label, from which the coarser one is a parent
 
@@ -151,8 +149,7 @@ def label_maps(
     settings = settings or LabelSettings()
     window = image.first.window
     side, sigma = _finest(window, settings)
-    largest = AUTHORS_COARSEST if settings.authors else COARSEST if settings.literal else LARGEST
-    sigmas = scales(sigma, largest * side)
+    sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
     seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
     require_memory(image, resources, settings)
     cutting, describing, labeling = progress.stages(
