@@ -345,7 +345,8 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
     `literal`: LSA16 algorithm 2, which intersects each label with those of the next coarser level.
     """
     if not literal:
-        levels = [level for level in levels[:-1] if level.count > 1] + levels[-1:]
+        end = max((n for n, level in enumerate(levels, 1) if level.count > 1), default=0)
+        levels = [level for level in levels[:end] if level.count > 1] + levels[end : end + 1]
     tree: list[LabelLevel] = []  # coarsest first
     for level in reversed(levels):
         if tree and not literal and _are_equal(level, tree[-1]):
