@@ -42,7 +42,7 @@ from .textons import (
     weighted_counts,
 )
 
-_CELL, _LEARNED = 4, 1 << 18  # px: cell of filter bank textons in images of up to so many pixels
+_CELL, _LEARNED = 4, 1 << 18  # px: cell of filter bank textons in images up to this number of pixels
 _LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
 _COUPLINGS = (2, 4, 6, 8, 8)  # of a cell to its surroundings in each round, nats; its own textons: nats per pixel
 _UPDATES = 4  # of the memberships in a round
@@ -107,8 +107,8 @@ class DecompositionSettings:
 def usual(pixels: int) -> DecompositionSettings:
     """Settings for an image of this many pixels; places are 16 px apart, more in large images, less in small ones.
 
-    Merging was learned on images of up to `_LEARNED` pixels. Larger ones would keep more of their variation as regions
-    of their own, so cells and the radius grow, with the root of the side: at its rate, shutters of a house join its
+    Merging was learned on images of up to `_LEARNED` pixels. Larger ones would keep more of their variation as separate
+    regions, so cells and the radius grow, with the root of the side: at its rate, shutters of a house join its
     windows, and a road joins a lawn.
     """
     step = max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
