@@ -31,7 +31,7 @@ def main() -> None:
         equal += len(set(counts)) < len(counts)
         added = "no level" if counts == with_materials else f"coarsest level of {with_materials[-1]}"
         print(f"| {path.stem} | {', '.join(map(str, counts))} | {added} |", flush=True)
-    print(f"\n{len(paths)} photos: {single} with a level of a single label, {equal} with equal levels")
+    print(f"\n{len(paths)} photos: {single} with a coarsest level of a single label, {equal} with equal levels")
 
 
 if __name__ == "__main__":

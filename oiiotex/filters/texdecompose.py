@@ -62,7 +62,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
              " for more subtextures. Not used if `maxlabels` is set.",
     )  # fmt: skip
     radius: float | None = param(
-        None, example="32", ge=1, le=512, unit="px", unset="48; with paper=1, 8",
+        None, example="32", ge=1, le=512, unit="px", unset="48, up to 72 above 0.4 megapixels; with paper=1, 8",
         help="Radius of the area that is compared as one sample of texture. Increase it for coarse textures.",
     )  # fmt: skip
     invariant: bool = param(

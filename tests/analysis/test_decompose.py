@@ -212,7 +212,7 @@ def test_regions_merge_by_textons_interleaving_and_size():
     def evidence(share: float, regions: np.ndarray) -> float:
         values[regions == 0] = [share, 1 - share, 0]
         values[regions == 1] = [1 - share, share, 0]
-        return region_merging._Regions(values, regions.astype(int), 2, 4, Session().resources).evidence(0, 1)
+        return region_merging._Regions(values, regions.astype(int), 2, Session().resources).evidence(0, 1)
 
     apart, mixed = ~left, np.indices((64, 64)).sum(0) % 2
     assert evidence(0.95, apart) > 0 > evidence(0.7, apart) > evidence(0.5, apart)
@@ -230,11 +230,11 @@ def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone
     for n, shares in enumerate(([0.9, 0.1, 0, 0], [0.88, 0.12, 0, 0], [0, 0, 0.9, 0.1], [0, 0.5, 0, 0.5])):
         values[regions == n] = shares
     values[:5] = 0
-    three, two = (region_merging.merged(values, regions, 4, 0.5, Session().resources, count) for count in (3, 2))
+    three, two = (region_merging.merged(values, regions, 0.5, Session().resources, count) for count in (3, 2))
     assert [len(np.unique(three[5:])), len(np.unique(two[5:]))] == [3, 2]
     assert three[10, 5] == three[10, 20] and len(np.unique(three[10, [5, 40, 60]])) == 3
-    assert (region_merging.merged(values, regions, 4, 0.0, Session().resources) == 0).all()
-    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0, Session().resources)[5:])) == 4
+    assert (region_merging.merged(values, regions, 0.0, Session().resources) == 0).all()
+    assert len(np.unique(region_merging.merged(values, regions, 1.0, Session().resources)[5:])) == 4
 
 
 def test_turned_versions_are_one_texture_only_when_asked():

@@ -223,9 +223,9 @@ def test_labels_take_the_hue_of_their_main_parent():
 
 @pytest.mark.parametrize(
     ("counts", "expected"),
-    [([4, 2], [4, 2]), ([4, 2, 2, 1], [4, 2]), ([3, 3, 3], [3]), ([2, 1, 1], [2]), ([1, 1], [1]), ([1], [1])],
+    [([4, 1, 2], [4, 2]), ([4, 2, 2, 1], [4, 2, 1]), ([3, 3, 3], [3]), ([2, 1, 1], [2, 1]), ([1, 1], [1]), ([1], [1])],
 )
-def test_no_level_has_a_single_label_or_equals_the_next(counts, expected):
+def test_only_the_coarsest_level_may_have_a_single_label_and_none_equals_the_next(counts, expected):
     made = scales.top_down(levels_of(*(np.arange(12) * c // 12 + 1 for c in counts)))
     assert [level.count for level in made] == expected
     assert made[0].scale == 4.0  # of equal levels the finest is kept

@@ -3,26 +3,22 @@
 
 Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures from the paper:
 
-1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels, so a single superpixel can end
-   the search. Here a `share` of them is enough (1: the paper).
+1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels. Here a `share` is enough.
 2. Coarser levels from other methods may be given (`label_maps`).
 3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
    decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
 4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
 5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of the sampled
    superpixels nearest to them.
-6. The paper splits a label wherever a coarser border crosses it: joints that run through five coarser labels become
-   five labels, and rings of fragments arise where borders of two levels differ slightly. Here a label stays whole and
-   has several parents: the coarser labels that contain at least `_PART` of it, or consist of it to that part. A
-   superpixel in no parent of its label takes the most likely label that has its parent (`literal`: the paper). In
-   addition, G is smoothed over neighbors by a Potts step.
-7. A level that equals the next finer one, and levels of a single label, are dropped.
+6. The paper splits a label wherever a coarser border crosses it. Here a label stays whole and has several parents: the
+   coarser labels that contain at least `_PART` of it, or consist of it to that part. A superpixel in no parent of its
+   label takes the most likely label that has its parent. G is smoothed over neighbors by a Potts step.
+7. A level that equals the next finer one is dropped, and one of a single label, unless it is the coarsest.
 8. The factorization has no restarts (`stochastic_nmf`).
 
-`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large images
-on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
-from their text: scales are 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and the coarsest of
-them is a level even if some of its superpixels lie in one label, so there are at least two levels.
+`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large
+images on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`)
+has scales of 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and always the coarsest as a level.
 """
 
 from __future__ import annotations
@@ -223,7 +219,8 @@ def label_levels(
     `edges` (m, 2) int.
     """
     levels = _bottom_up(hierarchy, features, settings, edges, resources)
-    levels += [_given(hierarchy, features, top) for top in coarsest()]
+    given = [_given(hierarchy, features, top) for top in coarsest()]
+    levels += [level for level in given if level.count > 1] or given[:1]  # a wall of bricks is one texture
     return top_down(levels, settings.literal)
 
 
@@ -348,7 +345,8 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
     `literal`: LSA16 algorithm 2, which intersects each label with those of the next coarser level.
     """
     if not literal:
-        levels = [level for level in levels if level.count > 1] or levels[:1]
+        end = max((n for n, level in enumerate(levels, 1) if level.count > 1), default=0)
+        levels = [level for level in levels[:end] if level.count > 1] + levels[end : end + 1]
     tree: list[LabelLevel] = []  # coarsest first
     for level in reversed(levels):
         if tree and not literal and _are_equal(level, tree[-1]):

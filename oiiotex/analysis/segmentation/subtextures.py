@@ -42,7 +42,7 @@ from .textons import (
     weighted_counts,
 )
 
-_CELL = 4  # px; cell of filter bank textons
+_CELL, _LEARNED = 4, 1 << 18  # px: cell of filter bank textons in images up to this number of pixels
 _LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
 _COUPLINGS = (2, 4, 6, 8, 8)  # of a cell to its surroundings in each round, nats; its own textons: nats per pixel
 _UPDATES = 4  # of the memberships in a round
@@ -64,6 +64,8 @@ class DecompositionSettings:
         "bank" or "haar".
     bins : int
         Number of textons; with "haar" for color and structure each.
+    cell : int
+        Side of a cell, px.
     radius, shift : float
         Radius of the disc, and of the search for the best match, px.
     scales : int
@@ -88,6 +90,7 @@ class DecompositionSettings:
 
     features: str = "bank"
     bins: int = 64
+    cell: int = _CELL
     radius: float = 48.0
     shift: float = 24.0
     scales: int = 1
@@ -102,9 +105,15 @@ class DecompositionSettings:
 
 
 def usual(pixels: int) -> DecompositionSettings:
-    """Settings for an image of this many pixels; places are 16 px apart, more in large images, less in small ones."""
+    """Settings for an image of this many pixels; places are 16 px apart, more in large images, less in small ones.
+
+    Merging was learned on images of up to `_LEARNED` pixels. Larger ones would keep more of their variation as separate
+    regions, so cells and the radius grow, with the root of the side: at its rate, shutters of a house join its
+    windows, and a road joins a lawn.
+    """
     step = max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
-    return DecompositionSettings(step=step)
+    cell = max(_CELL, round(_CELL * (pixels / _LEARNED) ** 0.25))
+    return DecompositionSettings(step=step, cell=cell, radius=DecompositionSettings.radius * cell / _CELL)
 
 
 def czf02(pixels: int, radius: float | None = None) -> DecompositionSettings:
@@ -153,7 +162,7 @@ def decomposed(
             else:
                 looks = texture(resources) if texture else texture_of(pixels.lab, pixels.seen, resources)
                 looks = looks.invariant() if settings.invariant else looks
-                counts = bank_counts(looks, resources, settings.bins, _CELL)
+                counts = bank_counts(looks, resources, settings.bins, settings.cell)
         advance(2, 4)
         with resources.stats.time("groups"):
             group = _cliques if settings.group == "cliques" else _merged_regions
@@ -164,7 +173,7 @@ def decomposed(
         with resources.stats.time("pixels of subtextures"):
             if settings.assign == "competition":
                 labels = _competed(
-                    _gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width), resources
+                    _gathered(counts, settings.cell // counts.side), labels, settings.radius, (height, width), resources
                 )
             else:
                 side = -(-height // labels.shape[0])
@@ -188,17 +197,17 @@ def decomposed_tile(
 
 def surroundings(tiled: str, settings: DecompositionSettings) -> tuple[int, int]:
     """Pixels of the reduced image to repeat beyond the borders along y, and along x: the radius, in whole cells."""
-    around = math.ceil(settings.radius / _CELL) * _CELL
+    around = math.ceil(settings.radius / settings.cell) * settings.cell
     return around * ("y" in tiled), around * ("x" in tiled)
 
 
 def _merged_regions(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
     """Labels (h, w) of cells by merging of regions after a competition, and the number of these regions."""
-    cells = _gathered(counts, _CELL // counts.side)
+    cells = _gathered(counts, settings.cell // counts.side)
     values = cells.values.astype(np.float32) / (FULL * cells.side**2)
-    start = fine_regions(values, cells.side, resources, 2 * (settings.count or 1))
+    start = fine_regions(values, resources, 2 * (settings.count or 1))
     regions = _members(values, start, cells.side, settings.radius, resources).argmax(0)
-    return merged(values, regions, cells.side, settings.threshold, resources, settings.count), len(np.unique(regions))
+    return merged(values, regions, settings.threshold, resources, settings.count), len(np.unique(regions))
 
 
 def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
@@ -363,9 +372,8 @@ def superpixel_subtextures(
     """
     height, width = small.ids.shape
     pixels = LabPixels(small.lab, small.ids > 0, small.factor, None, width, height)
-    labels = decomposed(pixels, DecompositionSettings(count=count), resources, texture=small.texture).labels.astype(
-        np.int64
-    )
+    settings = replace(usual(width * height), count=count)
+    labels = decomposed(pixels, settings, resources, texture=small.texture).labels.astype(np.int64)
     table = np.zeros((superpixels.count + 1, int(labels.max()) + 1), np.int64)
     np.add.at(table, (small.ids.ravel(), labels.ravel()), 1)
     table[np.arange(superpixels.count) + 1, labels[small.places[:, 0], small.places[:, 1]]] += 1
