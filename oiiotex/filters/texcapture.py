@@ -40,7 +40,7 @@ class Capture(InBands):
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
     excluded by reweighting. Wide highlights of a surface that mirrors 4 % are fitted with the normals if the lights are
-    known, and else subtracted. Exposure and power of the lights may differ from photo to photo: they are those for which
+    known, and else subtracted. Exposure and power of lights may differ from photo to photo: they are those for which
     the surface faces the camera on average. Heights are the surface closest to the normals (Simchony and others 1990).
 
     Directions of the lights come from a file, from a ball in the photos, or from the photos themselves. Photos alone do
