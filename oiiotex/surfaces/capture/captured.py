@@ -183,18 +183,17 @@ def _fit(
     toward, power = lights.at((x + piece.left).ravel(), (y + piece.top).ravel())
     luminance, color = seen.luminance / power, seen.color / power[:, None]
     fit, lobes = fitted(luminance, toward, seen.valid), None
+    normals = fit.normals
     if len(rows) > FEWEST:  # three photos are explained by a matte surface, whatever they show
         over = luminance - np.maximum((toward * fit.normals).sum(1), 0) * fit.albedo
         lit = ((over >= 0) | (fit.weights >= _SHADOW)) & seen.valid & seen.opaque.ravel()
         lobes = in_cells(lobe_misfits(over, lit, fit, toward).reshape(WIDTHS, *seen.opaque.shape))
         shown = shown_by(lobes, seen.opaque.shape, len(rows))
-        if lights.known:
-            fit, bright = refined(luminance, toward, seen.valid, fit, shown)
-        else:
-            fit, bright = subtracted(luminance, toward, fit, shown)
+        matte, (fit, bright) = fit, subtracted(luminance, toward, fit, shown)
+        normals = refined(luminance, toward, seen.valid, matte, shown) if lights.known else fit.normals
         color = color - bright[:, None]
     albedo = np.stack([albedo_of(color[:, n], fit.normals, toward, fit.weights) for n in range(3)], -1)
-    slopes = slopes_of(fit.normals).T.reshape(*seen.opaque.shape, 2) * np.float32(strength)
+    slopes = slopes_of(normals).T.reshape(*seen.opaque.shape, 2) * np.float32(strength)
     slopes[~seen.opaque] = np.nan
     if hidden is not None and not (hidden & piece).empty:
         slopes[(hidden & piece).inside(piece)] = np.nan

@@ -68,15 +68,15 @@ def shown_by(cells: np.ndarray, shape: tuple[int, int], count: int) -> tuple[np.
 def subtracted(
     seen: np.ndarray, toward: np.ndarray, fit: Fit, shown: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Fit, np.ndarray]:
-    """The same as `refined` at lights that are themselves uncertain: a share of the highlights is subtracted once."""
+    """The matte surface without a share of the highlights, and that share, (n, pixels) float32."""
     bright = np.float32(_TAKEN) * shown[0] * _lobes(fit.normals, toward, shown[1])
     return fit_of(Solver(toward, fit.weights).surface(seen - bright), fit.weights), bright
 
 
 def refined(
     seen: np.ndarray, toward: np.ndarray, valid: np.ndarray, fit: Fit, shown: tuple[np.ndarray, np.ndarray]
-) -> tuple[Fit, np.ndarray]:
-    """Normals that explain the photos along with their highlights, and the share of those to take off the albedo.
+) -> np.ndarray:
+    """Normals that explain the photos along with their highlights, (3, pixels) float32.
 
     A wide highlight alone looks like a steeper matte surface, above all on dark ones. Both are fitted by a few steps of
     Gauss and Newton, with the lobe's derivatives along two tangents of the normal.
@@ -89,11 +89,6 @@ def refined(
         Of the matte surface alone.
     shown : (strength, alpha)
         Of the lobe, (pixels,) float32.
-
-    Returns
-    -------
-    fit : Fit
-    bright : (n, pixels) float32
     """
     strength, alpha = shown
     for _ in range(_STEPS):
@@ -114,7 +109,7 @@ def refined(
         step = Solver(rates, weights).surface(seen - lobes + (slope * surface).sum(1)) - surface
         far = np.sqrt((step * step).sum(0)) / (np.float32(_STEP) * np.maximum(fit.albedo, np.float32(_DARKEST)))
         fit = fit_of(surface + step / np.maximum(far, 1), weights)
-    return fit, np.float32(_TAKEN) * strength * _lobes(fit.normals, toward, alpha)
+    return fit.normals
 
 
 def roughness_of(cells: np.ndarray) -> np.ndarray:
