@@ -39,9 +39,9 @@ class Capture(InBands):
     material: `kinds=color,normal,height`.
 
     Every pixel is fitted alone (photometric stereo, Woodham 1980). Photos in which it is a highlight or in shadow are
-    excluded by reweighting, and wide highlights of a surface that mirrors 4 % are subtracted. Exposure and power of the
-    lights may differ from photo to photo: they are those for which the surface faces the camera on average. Heights are
-    the surface closest to the normals (Simchony and others 1990).
+    excluded by reweighting. Wide highlights of a surface that mirrors 4 % are fitted with the normals if the lights are
+    known, and else subtracted. Exposure and power of lights may differ from photo to photo: they are those for which
+    the surface faces the camera on average. Heights are the surface closest to the normals (Simchony and others 1990).
 
     Directions of the lights come from a file, from a ball in the photos, or from the photos themselves. Photos alone do
     not tell how strong the relief is, nor whether it is raised or recessed: the lights are then taken to be 45 degrees
@@ -215,7 +215,8 @@ class Capture(InBands):
             if known is None:
                 raise ImageError("the photos do not tell where the lights are", hint="set lights or ball")
         unit = None if self.span is None else self.span / max(first.size)
-        lights, agreed = with_intensities(Lights(known, unit, middle), *surface.samples())
+        lights = Lights(known, unit, middle, known=self._whence != "found")
+        lights, agreed = with_intensities(lights, *surface.samples())
         if self._whence == "found" and agreed < _AGREED:
             problem = f"the photos agree with one surface in {100 * agreed:.0f} % of their pixels only"
             raise ImageError(problem, hint="set lights or ball: highlights are too wide to find the lights")

@@ -17,6 +17,8 @@ from oiiotex.engine.core.scratch import RowStore
 from oiiotex.engine.session import Session
 from oiiotex.surfaces.capture import integration
 from oiiotex.surfaces.capture.lights import on_ball
+from oiiotex.surfaces.capture.lobes import refined
+from oiiotex.surfaces.capture.photometric import fitted
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
@@ -101,6 +103,22 @@ def test_shadows_and_highlights_are_left_out(relief, count, roughness, degrees):
     albedo, normals, _ = captured(photos, lights=lights.ravel())
     assert captures.degrees_between(normals, reliefs.normals(heights)).mean() < degrees
     assert 0.95 < np.median(albedo / ALBEDO) < 1.08
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.4, 0.5])
+def test_wide_highlights_do_not_steepen_a_dark_surface(roughness):
+    side = np.linspace(-0.5, 0.5, 24)
+    slopes = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    normals = np.column_stack([slopes, np.ones(len(slopes))])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    lights = captures.lights(8)
+    shown = [0.05 * np.maximum(normals @ light, 0) + captures.highlight(normals, light, roughness) for light in lights]
+    seen, toward = np.stack(shown).astype(np.float32), lights[..., None].astype(np.float32)
+    valid, one = np.ones(seen.shape, bool), np.ones(len(normals), np.float32)
+    matte = fitted(seen, toward, valid)
+    joint = refined(seen, toward, valid, matte, (one, one * np.float32(roughness**2)))
+    wrong = [captures.degrees_between(each.T, normals).mean() for each in (matte.normals, joint)]
+    assert wrong[1] < 0.5 * wrong[0]
 
 
 def test_powers_and_exposures_may_differ():

@@ -3,7 +3,8 @@
 
 The file is an EXR file with a part for each map and the part `index`. A map has the size of the photo, and the display
 window and metadata of the result. The index has the size of the result. Pixel (x, y) of the result is pixel
-(x + right, y + down) of each map, modulo its size, where offset = down << 16 | right.
+(x + right, y + down) of each map, modulo its size, where offset = down << 16 | right. Maps hold what was copied: with
+flattening, the flattened photo. So the result is exact, without a field of residual gains.
 
 In each cell of 256 x 256 px, channel `index` numbers the offsets in the order in which they appear, row by row. Channel
 `offset` has the offset where its number appears first, and 0 elsewhere. Both are constant almost everywhere, so ZIP

@@ -22,12 +22,12 @@ from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from .integration import integrate, row_slices
 from .lights import Lights
-from .lobes import CELL, WIDTHS, between_cells, highlights, in_cells, lobe_misfits, roughness_of
-from .photometric import FEWEST, Solver, albedo_of, fit_of, fitted, slopes_of
+from .lobes import CELL, WIDTHS, between_cells, in_cells, lobe_misfits, refined, roughness_of, shown_by, subtracted
+from .photometric import FEWEST, albedo_of, fitted, slopes_of
 from .photos import Piece, nonlinear, piece_of
 
 _CELL_BYTES = 3 * 4 * WIDTHS  # of a cell: its misfits, and those of its neighborhood
-_FIT_BYTES = 96  # peak per pixel and photo that a thread fits
+_FIT_BYTES = 144  # peak per pixel and photo that a thread fits
 _PIECE = 1 << 14  # pixels of all photos that a thread fits at once
 _SHADOW = 0.5  # weight below which an observation that is darker than the matte surface is a shadow
 
@@ -183,15 +183,17 @@ def _fit(
     toward, power = lights.at((x + piece.left).ravel(), (y + piece.top).ravel())
     luminance, color = seen.luminance / power, seen.color / power[:, None]
     fit, lobes = fitted(luminance, toward, seen.valid), None
+    normals = fit.normals
     if len(rows) > FEWEST:  # three photos are explained by a matte surface, whatever they show
         over = luminance - np.maximum((toward * fit.normals).sum(1), 0) * fit.albedo
         lit = ((over >= 0) | (fit.weights >= _SHADOW)) & seen.valid & seen.opaque.ravel()
         lobes = in_cells(lobe_misfits(over, lit, fit, toward).reshape(WIDTHS, *seen.opaque.shape))
-        bright = highlights(lobes, seen.opaque.shape, fit, toward)
-        fit = fit_of(Solver(toward, fit.weights).surface(luminance - bright), fit.weights)
+        shown = shown_by(lobes, seen.opaque.shape, len(rows))
+        matte, (fit, bright) = fit, subtracted(luminance, toward, fit, shown)
+        normals = refined(luminance, toward, seen.valid, matte, shown) if lights.known else fit.normals
         color = color - bright[:, None]
     albedo = np.stack([albedo_of(color[:, n], fit.normals, toward, fit.weights) for n in range(3)], -1)
-    slopes = slopes_of(fit.normals).T.reshape(*seen.opaque.shape, 2) * np.float32(strength)
+    slopes = slopes_of(normals).T.reshape(*seen.opaque.shape, 2) * np.float32(strength)
     slopes[~seen.opaque] = np.nan
     if hidden is not None and not (hidden & piece).empty:
         slopes[(hidden & piece).inside(piece)] = np.nan

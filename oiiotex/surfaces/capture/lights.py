@@ -29,6 +29,7 @@ class Lights:
     `vectors`: (n, 3) float64, unit directions; positions if `unit` is not None.
     `unit`: length of a pixel in the unit of the positions.
     `middle`: (x, y) of the origin of positions, px.
+    `known`: given or seen on a ball, not found from the photos.
     `intensities`: (n,) float64; the matte white that faces a light of 1 at the middle is 1.
     """
 
@@ -36,6 +37,7 @@ class Lights:
     unit: float | None = None
     middle: tuple[float, float] = (0.0, 0.0)
     intensities: np.ndarray | None = None
+    known: bool = True
 
     @property
     def directions(self) -> np.ndarray:

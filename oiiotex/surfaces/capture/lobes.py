@@ -10,7 +10,7 @@ one pixel, so that the pixels of a cell decide together.
 from __future__ import annotations
 
 from ...engine.deferred import np
-from .photometric import Fit, Solver
+from .photometric import Fit, Solver, fit_of, reweighted
 
 FEWEST = 6  # photos that tell roughness
 CELL = 8  # px
@@ -18,6 +18,10 @@ WIDTHS = 8
 _NARROWEST, _WIDEST = 0.15, 0.95  # roughness, the root of GGX's alpha
 _MIRRORED = 0.04  # share of the light
 _TAKEN = 0.5  # share of the lobes that is subtracted: exposures are unknown, and too much costs more than too little
+_STEPS = 3  # of the fit of surface and highlights
+_STEP = 0.5  # of the albedo: longest step
+_TURN = 0.02  # radians, for derivatives
+_DARKEST = 0.02  # albedo
 _PLACED = 0.5  # roughness below which few photos show too little of a lobe to place it: reweighting leaves it out
 _REACH = 1.0  # cells: sigma of the neighborhood that decides on roughness together
 
@@ -49,16 +53,63 @@ def lobe_misfits(over: np.ndarray, lit: np.ndarray, fit: Fit, toward: np.ndarray
     return misfits
 
 
-def highlights(cells: np.ndarray, shape: tuple[int, int], fit: Fit, toward: np.ndarray) -> np.ndarray:
-    """The highlights to subtract from a piece of (height, width), (n, pixels) float32, by its cells' misfits."""
+def shown_by(cells: np.ndarray, shape: tuple[int, int], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the pixels of a piece of (height, width) show highlights, 0 or 1, and alpha; (pixels,) float32."""
     best = cells.argmin(0)
-    found = (cells.min(0) < 0) & ((len(toward) >= FEWEST) | (_widths()[best] > _PLACED))
-    strength = np.where(found, np.float32(_TAKEN), np.float32(0))
+    found = (cells.min(0) < 0) & ((count >= FEWEST) | (_widths()[best] > _PLACED))
+    strength = np.where(found, np.float32(1), np.float32(0))
 
     def at_pixels(values: np.ndarray) -> np.ndarray:
         return values.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]].ravel()
 
-    return at_pixels(strength) * _lobes(fit.normals, toward, at_pixels(_widths()[best] ** 2))
+    return at_pixels(strength), at_pixels(_widths()[best] ** 2)
+
+
+def subtracted(
+    seen: np.ndarray, toward: np.ndarray, fit: Fit, shown: tuple[np.ndarray, np.ndarray]
+) -> tuple[Fit, np.ndarray]:
+    """The matte surface without a share of the highlights, and that share, (n, pixels) float32."""
+    bright = np.float32(_TAKEN) * shown[0] * _lobes(fit.normals, toward, shown[1])
+    return fit_of(Solver(toward, fit.weights).surface(seen - bright), fit.weights), bright
+
+
+def refined(
+    seen: np.ndarray, toward: np.ndarray, valid: np.ndarray, fit: Fit, shown: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Normals that explain the photos along with their highlights, (3, pixels) float32.
+
+    A wide highlight alone looks like a steeper matte surface, above all on dark ones. Both are fitted by a few steps of
+    Gauss and Newton, with the lobe's derivatives along two tangents of the normal.
+
+    Parameters
+    ----------
+    seen, toward, valid
+        As in `fitted`, with directions (n, 3, pixels or 1).
+    fit : Fit
+        Of the matte surface alone.
+    shown : (strength, alpha)
+        Of the lobe, (pixels,) float32.
+    """
+    strength, alpha = shown
+    for _ in range(_STEPS):
+        normals, surface = fit.normals, fit.normals * fit.albedo
+        lobes = strength * _lobes(normals, toward, alpha)
+        ahead = np.sqrt(normals[0] * normals[0] + normals[2] * normals[2])
+        right = np.stack([normals[2], np.zeros_like(ahead), -normals[0]]) / ahead
+        up = np.cross(normals, right, axis=0)
+        slope = np.zeros((len(toward), 3, seen.shape[1]), np.float32)
+        for tangent in (right, up):
+            turned = normals + np.float32(_TURN) * tangent
+            turned /= np.sqrt((turned * turned).sum(0))
+            change = (strength * _lobes(turned, toward, alpha) - lobes) / np.float32(_TURN)
+            slope += change[:, None] * tangent / np.maximum(fit.albedo, np.float32(_DARKEST))
+        shade = (toward * surface).sum(1)
+        weights = reweighted(seen, np.maximum(shade, 0) + lobes, shade > 0, valid)
+        rates = toward + slope
+        step = Solver(rates, weights).surface(seen - lobes + (slope * surface).sum(1)) - surface
+        far = np.sqrt((step * step).sum(0)) / (np.float32(_STEP) * np.maximum(fit.albedo, np.float32(_DARKEST)))
+        fit = fit_of(surface + step / np.maximum(far, 1), weights)
+    return fit.normals
 
 
 def roughness_of(cells: np.ndarray) -> np.ndarray:

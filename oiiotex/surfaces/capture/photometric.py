@@ -67,6 +67,15 @@ def fitted(seen: np.ndarray, toward: np.ndarray, valid: np.ndarray) -> Fit:
     return fit_of(surface, weights)
 
 
+def reweighted(seen: np.ndarray, expected: np.ndarray, lit: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Weights of photos (n, pixels) by what a surface is expected to show, as in the last round of `fitted`."""
+    scale = np.float32(_STRICT) * np.maximum(expected.max(0), np.float32(1e-6))
+    away = (seen - expected) / scale
+    away = np.where(away > 0, away / np.float32(_HIGHLIGHT), away)
+    weights = 1 / (1 + away * away)
+    return np.where(lit, weights * weights * np.where(valid, np.float32(1), np.float32(1e-3)), np.float32(0))
+
+
 def fit_of(surface: np.ndarray, weights: np.ndarray) -> Fit:
     """The fit with this albedo times normal, (3, pixels) float32."""
     albedo = np.sqrt(surface[0] * surface[0] + surface[1] * surface[1] + surface[2] * surface[2])
