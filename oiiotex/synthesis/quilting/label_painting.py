@@ -79,11 +79,12 @@ class Begun:
                 value=str(self.path),
                 expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tiles",
             )
-        if demand.guide is not None and np.shape(self.demand.guide) != demand.guide.shape:
-            raise ImageError(parameter="fromplan", value=str(self.path), expected="a plan of --texpaint")
         changed = self.demand.keys != demand.keys
         if demand.guide is not None:
-            changed |= (present(self.demand.guide) != demand.guide).any((2, 3))
+            earlier = self.demand.guide
+            if earlier is None or earlier.shape != demand.guide.shape:
+                raise ImageError(parameter="fromplan", value=str(self.path), expected="a plan of --texpaint")
+            changed |= (earlier != demand.guide).any((2, 3))
         log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
         offsets = np.where(changed, NONE, self.plan.offsets)
         return QuiltPlan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
