@@ -276,6 +276,10 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     with refused(errors.ImageError, parameter="fromplan", value=str(tmp_path / "a.npz")) as caught:
         filters.paint(photo(), ids_buffer(disc()), size=(100, 90), fromplan=tmp_path / "a.npz")
     assert caught.value.problem.startswith("260x240 px") and caught.value.expected.startswith("100x90 px")
+    with np.load(tmp_path / "a.npz") as arrays:
+        np.savez(tmp_path / "cut.npz", **{**arrays, "guide": arrays["guide"][..., :1]})
+    with refused(errors.ImageError, parameter="fromplan", expected="a plan of filters.paint"):
+        filters.paint(photo(), ids_buffer(disc()), fromplan=tmp_path / "cut.npz")
     filters.quilt(photo(), patch=16, planfile=tmp_path / "q.npz")
     with refused(errors.ImageError, parameter="fromplan", expected="a plan of filters.paint"):
         filters.paint(photo(), ids_buffer(disc()), fromplan=tmp_path / "q.npz")
