@@ -83,7 +83,8 @@ class Begun:
         if demand.guide is not None:
             earlier = self.demand.guide
             if earlier is None or earlier.shape != demand.guide.shape:
-                raise ImageError(parameter="fromplan", value=str(self.path), expected=f"a plan of {texture_filter('paint')}")
+                expected = f"a plan of {texture_filter('paint')}"
+                raise ImageError(parameter="fromplan", value=str(self.path), expected=expected)
             changed |= (earlier != demand.guide).any((2, 3))
         log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
         offsets = np.where(changed, NONE, self.plan.offsets)
