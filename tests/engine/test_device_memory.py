@@ -133,6 +133,16 @@ def test_no_command_that_finds_no_memory_is_an_internal_error(run, scarce, name)
     swept(run, scarce, name, 8)
 
 
+def test_lent_memory_is_kept_until_no_command_is_queued():
+    """After an error, kernels may still read tables of the host that nobody else holds."""
+    device, table = Device(devices.choose()), np.zeros(1 << 22, np.int32)
+    with Buffers(device, {"much": 1 << 26}, 1 << 28, "a test", tables={"table": table}) as held:
+        for n in range(50):
+            device.fill(held["much"], np.int32(n), 1 << 24)
+        event = device.mark()
+    assert event.command_execution_status == device._cl.command_execution_status.COMPLETE
+
+
 def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():
     """A device that gives less than it says, whenever it is asked."""
     image = image_of(pictures.pebbles(300, 96, seed=3))

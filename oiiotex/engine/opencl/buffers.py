@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import weakref
 from collections.abc import Callable, Mapping
@@ -59,7 +60,7 @@ class Buffers:
         flags = device._cl.mem_flags.READ_WRITE
         device.taken += total
         self._buffers: dict[str, cl.Buffer] = {}
-        self._release = weakref.finalize(self, _released, device, self._buffers, total)
+        self._release = weakref.finalize(self, _released, device, self._buffers, total, bool(tables))
         try:
             for name, size in layout.items():
                 self._buffers[name] = device._cl.Buffer(device._context, flags, max(1, size))
@@ -153,7 +154,10 @@ def offset_table(offsets: np.ndarray) -> np.ndarray:
     return offsets.astype(np.int32)
 
 
-def _released(device: Device, buffers: dict[str, cl.Buffer], total: int) -> None:
+def _released(device: Device, buffers: dict[str, cl.Buffer], total: int, lent: bool) -> None:
+    if lent:  # commands that are still queued, as after an error, read the host's memory
+        with contextlib.suppress(DeviceError):
+            device.finish()
     for buffer in buffers.values():
         buffer.release()
     device.taken -= total
