@@ -46,7 +46,7 @@ _AREA = 48  # the longer side over the sigma of a salient area
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
     ("broken", 0.015, 0.04, "objects or patterns are cut"),
-    ("waves", 3.5, 40.0, "light and dark areas repeat visibly"),
+    ("waves", 3.5, 30.0, "light and dark areas repeat visibly"),
     ("salient", 7.5, 14.0, "a spot stands out in every tile"),
     ("uneven", 0.16, 0.5, "rough and plain, or fine and coarse areas repeat visibly"),
     ("missing", 0.1, 0.25, "colors of the photo are missing"),
@@ -255,12 +255,12 @@ class JudgedPhoto:
         )  # fmt: skip
 
     def _salience(self, lab: np.ndarray, wraps: tuple[bool, bool], source: SourceMap | None) -> float:
-        own = cast("tuple[int, int]", self._reduced[0].shape[:2])
+        own, photo = (cast("tuple[int, int]", one.shape[:2]) for one in (self._reduced[0], self.lab))
         sigma = max(own) / _AREA
         areas = blurred(lab - np.median(lab, (0, 1)), sigma, wraps)
         if source is None:
             return salience(areas)
-        return salience(areas, times_shown(source, areas.shape[:2], self.lab.shape[:2], own, sigma))
+        return salience(areas, times_shown(source, areas.shape[:2], photo, own, sigma))
 
     @property
     def _factor(self) -> float:

@@ -100,10 +100,12 @@ def best_tried(
         if kept is None:  # too small to measure
             return best or Tried(one.spelled, made, None)
         first = first or kept
-        if one.evens and (whole := kept.evened(first)) is None:
-            log.info("%s: %s: %s: more objects are cut", flag, one.spelled, kept)
-            continue
-        kept = whole if one.evens else kept
+        if one.evens:
+            whole = kept.evened(first)
+            if whole is None:
+                log.info("%s: %s: %s: more objects are cut", flag, one.spelled, kept)
+                continue
+            kept = whole
         is_better = best is None or kept.beats(present(best.kept))
         if is_better:
             best, least = Tried(one.spelled, made, kept), kept.value
