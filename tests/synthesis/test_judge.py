@@ -133,6 +133,7 @@ def test_one_spot_is_salient_and_a_weed_on_gray_stone_is_not():
     weed[30, 30, 1] -= 4
     assert salience(area) < 6.3 < 10 < salience(spot)
     assert salience(weed) < 6.3
+    assert salience(spot, np.full((64, 64), 4.0)) == pytest.approx(2 * salience(spot), abs=0.02)
 
 
 def test_shuffled_rings_are_poor_by_the_judge_and_the_photo_is_not_cut():

@@ -46,8 +46,8 @@ def test_the_first_good_try_is_taken_else_the_best():
 
 
 def test_of_nearly_equal_results_the_one_with_fewer_faults_is_taken():
-    whole = replace(judged(0.005), uneven=0.26, missing=0.106)
-    stepped = replace(judged(0.0157), uneven=0.25, missing=0.167)
+    whole = replace(judged(0.005), uneven=0.26, missing=0.08)
+    stepped = replace(judged(0.0157), uneven=0.25, missing=0.12)
     assert 0 < stepped.value - whole.value < 0.02
     for order in ((whole, stepped), (stepped, whole)):
         tries = [Try(str(n), lambda _, one=one: one) for n, one in enumerate(order)]
@@ -69,15 +69,25 @@ def test_a_try_that_can_neither_become_good_nor_gain_is_not_made():
     ]
     assert best_of([one("first", 0.02), *improving], judged).spelled == "whole"
     assert made == ["first", "breaks", "whole"]
-    slight = one("slight", 0.014, improves=("waves", "salient"), breaks=1.5)
-    made.clear()
+
+
+def test_an_evened_tile_is_chosen_where_it_repeats_less_and_is_as_whole_by_eye():
+    """Up to three times the first tile's cuts are not seen, and no more than a limit; then nothing else is made."""
 
     def repeating(broken: float) -> Fidelity:
-        return replace(judged(broken), waves=4.0)
+        return replace(judged(broken), waves=1.0 if broken in evened else 6.0)
 
-    assert best_of([one("first", 0.014), slight], repeating).spelled == "first"
-    assert best_of([one("first", 0.009), slight], repeating).made == 0.009  # 1.5 times 0.009 is good
-    assert made == ["first", "first", "slight"]
+    def chosen(first: float, even: float) -> str:
+        evened.add(even)
+        tries = [Try("first", lambda _: first), Try("even", lambda _: even, improves=("waves",), evens=True)]
+        return best_of([*tries, Try("layout", lambda _: 0.001)], repeating).spelled
+
+    evened: set[float] = set()
+    assert chosen(0.02, 0.055) == "even"
+    assert chosen(0.02, 0.065) == "layout"  # 3.2 times
+    assert chosen(0.03, 0.08) == "layout"  # 2.7 times, and many
+    worse = Try("even", lambda _: 0.01, improves=("waves",), evens=True)
+    assert best_of([Try("first", lambda _: 0.03), worse], judged).spelled == "first"  # it does not repeat: not made
 
 
 def test_a_try_that_fails_is_left_out_unless_it_is_the_first():

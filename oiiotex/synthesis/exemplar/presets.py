@@ -23,12 +23,12 @@ LARGE_PATCH, SMALL_PATCH = 21, 11  # px
 SIGMA_SHARE, PAPER_SIGMA_SHARE, LARGE_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
 AUTOMATIC: dict[str, float] = {"histogram": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
 IMPROVED_BY_SIZE = "broken", "cut", "unlike", "lost", "missing", "salient"  # large structures repeat as slow waves
-# other tiles: divisor of the longer side, patch, the parts of a fidelity that they may improve, and how much they break
+# other tiles: divisor of the longer side, patch, parts of a fidelity that they may improve, and whether they even out
 EVENER = (
-    (EVEN_SIGMA_SHARE, SMALL_PATCH, ("waves", "uneven", "salient"), 1.5),
-    (2 * SIGMA_SHARE, PATCH, ("waves", "uneven"), 1.0),
+    (EVEN_SIGMA_SHARE, SMALL_PATCH, ("waves", "uneven", "salient"), True),
+    (2 * SIGMA_SHARE, PATCH, ("waves", "uneven"), False),
 )
-LARGER = LARGE_SIGMA_SHARE, LARGE_PATCH, IMPROVED_BY_SIZE, 1.0
+LARGER = LARGE_SIGMA_SHARE, LARGE_PATCH, IMPROVED_BY_SIZE, False
 PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
     EVEN: {"histogram": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
     CLEAN: {"histogram": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},

@@ -301,16 +301,16 @@ class SynthesisRun:
 
     def _at_scale(
         self, coarse: Callable[[int, int], JudgedPhoto], share: float, patch: int, improves: tuple[str, ...],
-        breaks: float,
+        evens: bool,
     ) -> Try[FirstTile]:  # fmt: skip
         """A tile with another patch, and with sigma as a divisor of the longer side. `coarse`: see `glance`."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
         def make(least: float) -> FirstTile:
-            look = glance(coarse, self._seen.values.shape[1], recipe, least)
+            look = None if evens else glance(coarse, self._seen.values.shape[1], recipe, least)
             return FirstTile(textured(self._run(recipe, self._constraints, look=look)), recipe)
 
-        return Try(recipe.scales, make, improves=improves, breaks=breaks)
+        return Try(recipe.scales, make, improves=improves, evens=evens)
 
     def _in_own_layout(self) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""

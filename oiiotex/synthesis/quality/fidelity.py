@@ -8,8 +8,9 @@ Each measure has a value up to which people called tiles good, and one from whic
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 from ...analysis.regularity.autocorrelation import (
     SLOW,
@@ -23,8 +24,9 @@ from ...analysis.regularity.autocorrelation import (
 from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
+from .missing_colors import missing_colors
 from .repetition import salience, slow_waves, texture_waves
-from .wholeness import cuts, turning
+from .wholeness import cuts, times_shown, turning
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
 LEAST = 48  # px; smaller shorter sides cannot be measured
@@ -38,18 +40,16 @@ NEARLY = 0.02  # values that differ by less are nearly equal, and a try that can
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
+_AS_WHOLE = 3.0, 0.075  # cuts of an evened tile, of those of the first and in all, that are seen no more than those
 _INVISIBLE = 0.1  # Lab: a band with less energy has none; a constant image has lost nothing
 _AREA = 48  # the longer side over the sigma of a salient area
-_EVERY = 3  # pixels whose colors are counted
-_COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out among neighbors
-_MOST_CELLS = 64.0  # of these, along each axis; colors beyond count as the limit
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
     ("broken", 0.015, 0.04, "objects or patterns are cut"),
-    ("waves", 3.5, 20.0, "light and dark areas repeat visibly"),
-    ("salient", 6.3, 12.0, "a spot stands out in every tile"),
+    ("waves", 3.5, 30.0, "light and dark areas repeat visibly"),
+    ("salient", 7.5, 14.0, "a spot stands out in every tile"),
     ("uneven", 0.16, 0.5, "rough and plain, or fine and coarse areas repeat visibly"),
-    ("missing", 0.135, 0.35, "colors of the photo are missing"),
+    ("missing", 0.1, 0.25, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
     ("unlike", 0.36, 0.6, "shapes are broken"),
     ("cut", 0.36, 0.6, "long lines are broken"),
@@ -72,7 +72,7 @@ class Fidelity:
         Share of the photo's correlation over long distances (lines, courses, lattices) that the result has. 1 if
         the photo has no more of it than chance explains.
     missing : float
-        Share of the original photo's colors missing from the result, 0 to 1.
+        Share of the original photo's pixels whose color has become rarer than half as frequent, 0 to 1.
     broken : float or None
         How much cuts and merged objects are seen: the cuts times the photo's turning of directions (`wholeness`).
         None: the sources of the pixels are unknown.
@@ -81,7 +81,8 @@ class Fidelity:
     uneven : float or None
         The same of the logarithms of fine and coarse detail.
     salient : float
-        Distance of the most salient area from the typical color, in typical deviations.
+        Distance of the most salient area from the typical color, in typical deviations, times the square root of how
+        often its place in the photo is shown within the tile.
 
     Of a result smaller than the photo, `shapes`, `lines` and `missing` are relative to pieces of the photo of that
     size, which also lack some of its shapes and colors.
@@ -130,6 +131,23 @@ class Fidelity:
             return self.value > other.value
         mine, others = (sum(max(0.0, grade - 1.0) for grade, _, _ in one._grades()) for one in (self, other))
         return mine < others
+
+    def repeats(self, parts: Collection[str]) -> bool:
+        """Whether one of those parts is beyond its limit."""
+        return any(grade > 1.0 for grade, name, _ in self._grades() if name in parts)
+
+    def evened(self, first: Fidelity) -> Fidelity | None:
+        """How an evened tile compares with the first one by eye; None if objects are cut that the first has whole.
+
+        Each patch is new, as levels are moved, and slow bands are weaker, as intended. Where the first tile's cuts are
+        not seen among what the photo shows, neither are somewhat more of them. So cuts and bands are the first's.
+        """
+        if self.broken is None or first.broken is None:
+            return self
+        more, most = _AS_WHOLE
+        if self.broken > max(first.broken, min(more * first.broken, most)):
+            return None
+        return replace(self, broken=min(self.broken, first.broken), bands=first.bands)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
@@ -213,12 +231,12 @@ class JudgedPhoto:
         bands = tuple(max(energy, _INVISIBLE) / own for energy, own in zip(energies, self._energies, strict=True))
         shapes, lines = _compared(self._autocorrelation, of_result, longer)
         shown = self._colors
-        missing = _missing(shown[seen], lab[everywhere])
+        missing = missing_colors(shown[seen], lab[everywhere])
         if pieces := list(_pieces(seen, *lab.shape[:2])):
             typical = [
                 (
                     *_compared(self._autocorrelation, autocorrelation(before[at], seen[at]), longer),
-                    _missing(shown[seen], shown[at][seen[at]]),
+                    missing_colors(shown[seen], shown[at][seen[at]]),
                 )
                 for at in pieces
             ]
@@ -233,8 +251,16 @@ class JudgedPhoto:
             broken=None if share is None else round(share * self._turning, 4),
             waves=slow_waves(lab) if all(wraps) else None,
             uneven=texture_waves(lab[..., 0]) if all(wraps) else None,
-            salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
+            salient=self._salience(lab, wraps, source) if any(wraps) else None,
         )  # fmt: skip
+
+    def _salience(self, lab: np.ndarray, wraps: tuple[bool, bool], source: SourceMap | None) -> float:
+        own, photo = (cast("tuple[int, int]", one.shape[:2]) for one in (self._reduced[0], self.lab))
+        sigma = max(own) / _AREA
+        areas = blurred(lab - np.median(lab, (0, 1)), sigma, wraps)
+        if source is None:
+            return salience(areas)
+        return salience(areas, times_shown(source, areas.shape[:2], photo, own, sigma))
 
     @property
     def _factor(self) -> float:
@@ -349,26 +375,6 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
     if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
         return shapes, 1.0
     return shapes, float((a * b)[far].mean()) / own
-
-
-def _missing(photo: np.ndarray, result: np.ndarray) -> float:
-    """Share of the photo's pixels (n, 3) whose color the result does not have, by trilinear histograms."""
-    photo, result = photo[::_EVERY], result[::_EVERY]
-    both = np.clip(np.concatenate([photo, result]) / _COLORS, -_MOST_CELLS, _MOST_CELLS)
-    cells = np.floor(both).astype(np.int64)
-    part = both - cells
-    cells -= cells.min(0)
-    shape = tuple((cells.max(0) + 2).tolist())
-    counts = np.zeros((2, np.prod(shape)))
-    of_light, of_a, of_b = ((1.0 - axis, axis) for axis in part.T.copy())
-    first = np.ravel_multi_index(tuple(cells.T), shape)
-    for corner in np.ndindex(2, 2, 2):
-        weight = of_light[corner[0]] * of_a[corner[1]] * of_b[corner[2]]
-        index = first + int(np.ravel_multi_index(corner, shape))
-        for n, at in enumerate((slice(0, len(photo)), slice(len(photo), None))):
-            counts[n] += np.bincount(index[at], weight[at], counts.shape[1])
-    shares = counts / np.array([[len(photo)], [len(result)]])
-    return round(float(np.maximum(0.0, shares[0] - shares[1]).sum()), 4)
 
 
 def graded(name: str, value: float) -> tuple[int, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from ...engine.errors import ImageError, present
@@ -37,22 +37,22 @@ class Try(Generic[Made]):
         Its time, relative to that of the first try.
     improves : collection of str
         The only parts of the first result's fidelity that may become better. Empty: all.
-    breaks : float
-        By which factor the part `broken` becomes worse, at least.
+    evens : bool
+        It repeats less, and cuts more than the first, which is seen only beyond a limit (`Fidelity.evened`). If it is
+        the better one, no other is made.
     """
 
     spelled: str
     make: Callable[[float], Made]
     time: float = 1.0
     improves: Collection[str] = ()
-    breaks: float = 1.0
+    evens: bool = False
 
     def hope(self, first: Fidelity) -> float:
         """The fidelity that it may have at best."""
-        if not self.improves:
+        if not self.improves or (self.evens and first.repeats(self.improves)):
             return 1.0
-        broken = None if first.broken is None else first.broken * self.breaks
-        return replace(first, broken=broken).without(self.improves)
+        return first.without(self.improves)
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,15 @@ def best_tried(
         if kept is None:  # too small to measure
             return best or Tried(one.spelled, made, None)
         first = first or kept
-        if best is None or kept.beats(present(best.kept)):
+        if one.evens:
+            whole = kept.evened(first)
+            if whole is None:
+                log.info("%s: %s: %s: more objects are cut", flag, one.spelled, kept)
+                continue
+            kept = whole
+        is_better = best is None or kept.beats(present(best.kept))
+        if is_better:
             best, least = Tried(one.spelled, made, kept), kept.value
-        if least >= GOOD:
+        if least >= GOOD or (one.evens and is_better):
             break
     return present(best)

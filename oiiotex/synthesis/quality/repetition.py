@@ -39,11 +39,13 @@ def texture_waves(light: np.ndarray) -> float:
     return slow_waves(np.log(np.maximum(blurred(detail, longer / _AREA, torus), 0.0) + _LEAST_DETAIL))
 
 
-def salience(around: np.ndarray) -> float:
+def salience(around: np.ndarray, shown: np.ndarray | float = 1.0) -> float:
     """How far the most salient area of a blurred texture is from its typical color, in typical deviations.
 
     A measure of statistics hardly changes by one small area that differs; but where a tile repeats, it is the first
-    thing that is seen. `around` (height, width, 3) float.
+    thing that is seen. The more so if it is there several times. `around` (height, width, 3) float; `shown` (height,
+    width): how often each place is shown (`times_shown`), at least 1.
     """
     away = np.abs(around - np.median(around, (0, 1)))
-    return round(float((away.max((0, 1)) / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max()), 2)
+    deviations = (away / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max(-1)
+    return round(float((deviations * np.sqrt(shown)).max()), 2)

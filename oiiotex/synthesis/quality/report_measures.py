@@ -19,11 +19,12 @@ REPORT_MEASURES = {
     "sharp": "Sharpness of a fill, mean |L - blurred L|, relative to its surroundings.",
     "fidelity": "The judge's value, 0 to 1, of the worst of the parts below. Good from 0.8, unusable below 0.67.",
     "broken": "Variance of patches that no place of the photo explains, where cuts are seen: edges count more than"
-    " objects. Good up to 0.015.",
+    " objects. Good up to 0.015. Of an evened tile that was chosen: at most that of the usual tile.",
     "waves": "Standard deviation in Lab of waves with up to 3 periods per side of the tile. Good up to 3.5.",
     "uneven": "The same of the logarithms of fine and coarse detail: rough and plain areas. Good up to 0.16.",
-    "salient": "Distance of the most salient area from the typical color, in typical deviations. Good up to 6.3.",
-    "missing": "Fraction of the original photo's colors that is missing. Good up to 0.135.",
+    "salient": "Distance of the most salient area from the typical color, in typical deviations, times the root of how"
+    " often it is shown in a tile. Good up to 7.5.",
+    "missing": "Fraction of the original photo's pixels whose color is less than half as frequent. Good up to 0.1.",
     "lines": "Fraction of the photo's long lines and lattices that is kept. 1 if it has none.",
     "band_96": "Energy after a Gaussian of the photo's longer side / 96, relative to the photo's.",
     "band_48": "The same for longer side / 48.",

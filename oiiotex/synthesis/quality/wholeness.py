@@ -121,6 +121,29 @@ def turning(light: np.ndarray) -> float:
     return float(np.hypot(*np.moveaxis(direction - direction.mean((0, 1)), -1, 0)).mean())
 
 
+def times_shown(
+    source: SourceMap, size: tuple[int, int], photo: tuple[int, int], reduced: tuple[int, int], sigma: float
+) -> np.ndarray:
+    """How often the area around the source of each pixel is shown, over the fair share: (h, w), at least 1.
+
+    Parameters
+    ----------
+    source : SourceMap
+    size : (int, int)
+        Height and width at which the result is sampled.
+    photo, reduced : (int, int)
+        Height and width of the photo, and at which places are counted.
+    sigma : float
+        px of the reduced photo: of an area.
+    """
+    y, x = (np.arange(n) * there // n for n, there in zip(size, source.packed.shape, strict=True))
+    places = _sources(source, *np.meshgrid(y, x, indexing="ij")).yx
+    down, right = (np.clip(at * n // there, 0, n - 1) for at, n, there in zip(places, reduced, photo, strict=True))
+    uses = np.bincount((down * reduced[1] + right).ravel(), minlength=reduced[0] * reduced[1]).reshape(*reduced, 1)
+    shown = blurred(uses.astype(np.float64), sigma)[..., 0]
+    return np.maximum(1.0, shown[down, right] / max(1.0, down.size / uses.size))
+
+
 def _centers(shape: tuple[int, int], half: int, wraps: tuple[bool, bool]) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the patches' middles, one for each."""
     step = max(1, int((shape[0] * shape[1] / _PLACES) ** 0.5))
