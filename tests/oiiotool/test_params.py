@@ -149,7 +149,8 @@ REFUSED = {
 
 @pytest.mark.parametrize(("name", "text"), [(name, value) for name, values in REFUSED.items() for value in values])
 def test_a_text_out_of_type_or_range_is_refused_with_the_text_and_what_is_allowed(name, text):
-    assert refusal(KNOWN[name].parse, text) == f"{name}={text}: expected {KNOWN[name].allowed()}"
+    said = refusal(KNOWN[name].parse, text)
+    assert said.startswith(f"{name}={text}"[:900]) and said.endswith(f"{text[-50:]}: expected {KNOWN[name].allowed()}")
 
 
 @pytest.mark.parametrize("text", ["1_0", "٣", "３", " 5", "5 ", "5\n", "\t5"])

@@ -14,7 +14,6 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from xml.parsers import expat
 
 from ..deferred import ocio
 from ..errors import ImageError
@@ -105,6 +104,8 @@ def _files_of(transform: ocio.Transform | None) -> Iterator[str]:
 
 def _require_plain_xml(path: str) -> None:
     """Refuse XML, of any suffix, that ends OpenColorIO 2.5 with a segmentation fault: not well-formed, or deep."""
+    from xml.parsers import expat
+
     depth = 0
 
     def begin(name: str, _: object) -> None:

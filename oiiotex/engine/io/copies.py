@@ -37,9 +37,11 @@ _HELD = 4  # a map is held decoded if it fits into the cache that many times
 
 def is_indexed(path: str | Path) -> bool:
     """Whether a file is an indexed image. Other files with this suffix are documents of endless textures."""
-    if not (str(path).endswith(SUFFIX) and Path(path).is_file()):  # a fifo would be waited for
+    if not str(path).endswith(SUFFIX):
         return False
     try:
+        if not Path(path).is_file():  # a fifo would be waited for
+            return False
         with open(path, "rb") as file:
             return file.read(len(_EXR)) == _EXR
     except OSError:
