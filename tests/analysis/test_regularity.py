@@ -230,10 +230,12 @@ def test_the_size_follows_the_lattice_or_is_warned_of(caplog):
 def test_what_a_look_for_a_lattice_holds_is_what_is_said():
     random = np.random.default_rng(0).random((48, 40, 3)).astype(np.float32)
     photo = np.tile(90 * random, (14, 14, 1))
-    find_lattice(photo)  # what is loaded once is loaded
+    usable = np.ones(photo.shape[:2], bool)
+    usable[:20, :20] = False  # more than a photo without a mask holds
+    find_lattice(photo, usable)  # what is loaded once is loaded
     tracemalloc.start()
     try:
-        assert find_lattice(photo) is not None
+        assert find_lattice(photo, usable) is not None
         held = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -21,7 +21,7 @@ from .autocorrelation import Autocorrelation, autocorrelation, high_passed
 from .order_significance import least_of_halves, order_of
 
 SIDE, LARGEST_SIDE = 256, 1024  # px; range of the longer side for the analysis: half of the photo's, between these
-_BYTES = 355  # per pixel at that size, measured
+_BYTES = 260  # per pixel at that size, measured with a mask
 SMALLEST = 4.0  # px at that size: a finer lattice is inside every patch
 CELLS, CELLS_OF_PART = 3.0, 2.5  # minimum number of periods in a photo, along each vector
 SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank; rank 2: along every direction

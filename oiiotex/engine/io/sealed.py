@@ -169,7 +169,7 @@ class SealedFolder:
         return (entry.path for _, entry, as_named in self._entries() if not as_named)
 
     def _files(self) -> Iterable[tuple[str, int, int]]:
-        """Name, size and time of change of each file. What is misplaced, or neither file nor folder, is removed.
+        """Name, size and time of change of each file. Misplaced entries, and those of other kinds, are removed.
 
         Each process that opens a device looks at every file, thousands in old caches: no `Path` is made for each.
         """
