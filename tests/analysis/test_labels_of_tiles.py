@@ -156,7 +156,8 @@ def test_half_bricks_at_opposite_borders_have_one_label(turned: bool):
     for modes, axes in (("periodic,periodic", "xy"), (one_way, name), ("black,black", "none")):
         levels = labels_of(pixels, modes).values()
         assert {tiling_of(level.spec()) for level in levels} == {axes}
-        shares = [one_label(level.get_pixels(oiio.UINT32)[..., 0], inside, axis, 32) for level in levels]
+        labels = [level.get_pixels(oiio.UINT32)[..., 0] for level in levels]
+        shares = [one_label(level, inside, axis, 32) for level in labels if level.max() > 1]  # all bricks: one texture
         border, within = np.mean(shares, 0)  # some bricks are as light as their neighbors in any case
         assert within > 0.9 and (border > 0.8 if name in axes else border < 0.5)
 

@@ -52,7 +52,9 @@ def files(tmp_path: Path) -> Path:
         file.truncate(200 << 20)
     (tmp_path / "folder.cube").mkdir()
     (tmp_path / "link.cube").symlink_to("/dev/zero")
-    (tmp_path / "refers.ctf").write_text('<ProcessList id="a" version="1.7"><Reference path="luts/fifo.cube"/></ProcessList>')
+    (tmp_path / "refers.ctf").write_text(
+        '<ProcessList id="a" version="1.7"><Reference path="luts/fifo.cube"/></ProcessList>'
+    )
     return tmp_path
 
 

@@ -123,7 +123,7 @@ def test_rows_of_a_reduced_image_hang_on_no_others(size, monkeypatch):
     expected = oiio.ImageBufAlgo.resize(buffer, "triangle", roi=roi).get_pixels(oiio.FLOAT)
     rows = MadeRows(photo.shape, np.float32, lambda first, last: photo[first:last])
     oracle, expected = expected, resized(photo, width, height)
-    np.testing.assert_allclose(expected, oracle, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(expected, oracle, rtol=0, atol=2e-5)  # OpenImageIO: positions of 32 bits
     masked = Octaves(photo, mask).reduced(width, height)
     for limit in (1, 9000, 1 << 24):
         monkeypatch.setattr(demand, "_RESIZED_BYTES", limit)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...analysis.drift.correction import Correction
 from ...engine.color.config import as_float
 from ...engine.core.demand import MadeRows, SomeRows, resized, rows_of
 from ...engine.core.image import Part, channels_of
@@ -24,6 +23,7 @@ from ..quality.judged_tries import Dismissed
 from ..quality.seam_measures import seam_ratio
 
 if TYPE_CHECKING:
+    from ...analysis.drift.correction import Correction
     from ...engine.session.progress import Onlooker
 
 log = logging.getLogger("oiiotex")
