@@ -103,7 +103,7 @@ def _files_of(transform: ocio.Transform | None) -> Iterator[str]:
 
 
 def _require_plain_xml(path: str) -> None:
-    """Refuse XML, of any suffix, that ends OpenColorIO 2.5 with a segmentation fault: not well-formed, or deep."""
+    """Refuse XML, of any suffix, that ends OpenColorIO with a segmentation fault: not well-formed, or deep."""
     from xml.parsers import expat
 
     depth = 0
@@ -112,7 +112,8 @@ def _require_plain_xml(path: str) -> None:
         nonlocal depth
         depth += 1
         if depth > _MOST_DEPTH or len(name) > _LONGEST_NAME:
-            raise ImageError(f"{path}: expected at most {_MOST_DEPTH} levels of XML, with short names")
+            limits = f"at most {_MOST_DEPTH} levels, with names of at most {_LONGEST_NAME} characters"
+            raise ImageError(f"{path}: expected XML of {limits}")
 
     def end(_: str) -> None:
         nonlocal depth

@@ -94,7 +94,7 @@ def refined(
     for _ in range(_STEPS):
         normals, surface = fit.normals, fit.normals * fit.albedo
         lobes = strength * _lobes(normals, toward, alpha)
-        ahead = np.sqrt(normals[0] * normals[0] + normals[2] * normals[2])
+        ahead = np.maximum(np.sqrt(normals[0] * normals[0] + normals[2] * normals[2]), np.float32(_TURN))
         right = np.stack([normals[2], np.zeros_like(ahead), -normals[0]]) / ahead
         up = np.cross(normals, right, axis=0)
         slope = np.zeros((len(toward), 3, seen.shape[1]), np.float32)

@@ -21,6 +21,7 @@ _MOST = LARGEST_TINT  # in L, a or b: more between two pixels is another object,
 _ENOUGH = 0.625  # share of pixels within these: of fewer, that part of the step is removed
 _SAMPLES = 5  # along and across a cell and half a cell on each side of it, around a pixel at the seam
 _SAMPLED = 16  # pixels for each side of a cell, at most
+_AT_ONCE = 1 << 20  # pixels of the tile that are compared with their neighbors at once
 _WEIGHT = 4.0  # of the step along the side of a cell, relative to that of two neighboring cells
 _ROUNDS, _LEAST = 160, 2e-3  # of the iteration, and the smallest eigenvalue of a grid of 40 x 40 cells
 
@@ -59,19 +60,20 @@ def level_correction(
 
 def _across_seams(source: SourceMap, wraps: tuple[bool, bool], least: int) -> tuple[np.ndarray, np.ndarray]:
     """Neighbors in the tile that are at least so far apart in the photo, and where the first ones' own lie: (n, 2)."""
-    packed, ends, starts = source.packed, [], []
-    for axis, (around, step) in enumerate(zip(reversed(wraps), ((1, 0), (0, 1)), strict=True)):
-        there = np.roll(packed, -1, axis)
-        apart = there != packed + np.uint32(step[0] << source.bits | step[1])
-        if not around:
-            apart[(slice(None),) * axis + (-1,)] = False
-        here, beyond = (
-            np.stack(source[apart].yx if own else SourceMap(there[apart], source.bits).yx, -1) for own in (1, 0)
-        )
-        beyond = beyond - step
-        far = np.abs(beyond - here).max(-1) > least
-        ends.append(here[far])
-        starts.append(beyond[far])
+    ends, starts = [], []
+    height, width = source.packed.shape
+    rows = max(1, _AT_ONCE // width)
+    for top in range(0, height, rows):
+        here = source.packed[top : top + rows]
+        below = source.packed[np.arange(top + 1, top + len(here) + 1) % height]
+        for axis, there, step in ((0, below, (1, 0)), (1, np.roll(here, -1, 1), (0, 1))):
+            apart = there != here + np.uint32(step[0] << source.bits | step[1])
+            if not wraps[1 - axis] and (axis or top + len(here) == height):
+                apart[(slice(None),) * axis + (-1,)] = False
+            own, next_one = (np.stack(SourceMap(which[apart], source.bits).yx, -1) for which in (here, there))
+            far = np.abs(next_one - step - own).max(-1) > least
+            ends.append(own[far])
+            starts.append(next_one[far] - step)
     return np.concatenate(ends), np.concatenate(starts)
 
 
