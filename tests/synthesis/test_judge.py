@@ -11,8 +11,9 @@ from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, SCALES, fidelity
+from oiiotex.synthesis.quality.missing_colors import missing_colors
 from oiiotex.synthesis.quality.repetition import salience, slow_waves, texture_waves
-from oiiotex.synthesis.quality.wholeness import cuts, turning, unexplained
+from oiiotex.synthesis.quality.wholeness import cuts, times_shown, turning, unexplained
 from tests import pictures
 from tests.any_filter import buffer, labeled, quarters
 
@@ -136,6 +137,18 @@ def test_one_spot_is_salient_and_a_weed_on_gray_stone_is_not():
     assert salience(spot, np.full((64, 64), 4.0)) == pytest.approx(2 * salience(spot), abs=0.02)
 
 
+def test_an_area_is_counted_as_often_as_the_tile_shows_it():
+    y, x = np.mgrid[:SIDE, :SIDE]
+    size = (SIDE, SIDE)
+    assert times_shown(SourceMap.of(y, x), size, size, size, 6.0).max() < 1.01
+    for top, left in ((0, 0), (0, 96), (96, 96)):
+        y[top : top + 48, left : left + 48] = 96 + np.arange(48)[:, None]
+        x[top : top + 48, left : left + 48] = np.arange(48)
+    shown = times_shown(SourceMap.of(y, x), size, size, size, 6.0)
+    assert [round(float(shown[at])) for at in ((24, 24), (24, 120), (120, 120), (120, 24))] == [4, 4, 4, 4]
+    assert shown[24, 72] == pytest.approx(1.0, abs=0.1)
+
+
 def test_shuffled_rings_are_poor_by_the_judge_and_the_photo_is_not_cut():
     photo = rings()
     source = shuffled(24)
@@ -151,6 +164,13 @@ def test_colors_that_flattening_removed_are_missing():
     kept, lost = (fidelity(flat, None, flat, PLANE, in_place(), own) for own in (flat, colored))
     assert kept.missing < 0.01 and lost.missing > 0.4
     assert "colors of the photo are missing" in lost.beyond
+
+
+def test_a_color_is_missing_if_it_is_less_than_half_as_frequent():
+    def pixels(eighths: int) -> np.ndarray:
+        return np.where((np.arange(1200) // 3 % 8 < eighths)[:, None], (60.0, 40.0, 0.0), (20.0, 0.0, 0.0))
+
+    assert [missing_colors(pixels(4), pixels(n)) for n in (4, 3, 2, 1, 0)] == [0, 0, 0, 0.25, 0.5]
 
 
 def test_a_constant_image_has_lost_nothing():
