@@ -210,14 +210,11 @@ class SynthesisRun:
             for one in looks:
                 one(pick, size)
 
-        synthesis = synthesize(
+        return synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
             (progress or self._progress).advance, pixels.why, constraints,
             resources.keeper if op.resume else None, look=all_looks if looks else None, octaves=self._octaves,
         )  # fmt: skip
-        if synthesis.lost is not None:
-            say_what_was_lost(op.flag(), synthesis.lost)
-        return synthesis
 
     def _lab(self) -> SomeRows:
         """Lab of the photo that provides the patches."""
@@ -270,8 +267,7 @@ class SynthesisRun:
 
     def _judged(self, photo: JudgedPhoto, made: FirstTile) -> Fidelity | None:
         with self._resources.stats.time("fidelity"):
-            run = self._evened(made.evening)
-            return fidelity_of(photo, made.synthesis.source, made.recipe, run._lab())
+            return fidelity_of(photo, made.synthesis.source, made.recipe, self._evened(made.evening)._lab())
 
     def _evened(self, evening: Correction | None) -> SynthesisRun:
         """The same run on the photo after that correction."""
@@ -280,8 +276,7 @@ class SynthesisRun:
         photo, seen = Image((self._maps[0],), self._op.exemplar.source), self._seen
         values = evened_values(seen.values, evening, photo.first.window)
         part, drift = evened_part(photo, evening, self._drift, self._op.working_space, self._resources)
-        maps = [part, *self._maps[1:]]
-        return replace(self, _maps=maps, _seen=replace(seen, values=values), _drift=drift)
+        return replace(self, _maps=[part, *self._maps[1:]], _seen=replace(seen, values=values), _drift=drift)
 
     def _tries(self, photo: JudgedPhoto) -> list[Try[FirstTile]]:
         """The ways to make the tile that are worth it, the usual one first."""
@@ -289,7 +284,13 @@ class SynthesisRun:
         layout = Try(f"preset={LAYOUT}", lambda _: self._in_own_layout(), _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
             return [replace(layout, improves=())]
-        first = Try(recipe.scales, lambda _: FirstTile(self._run(recipe, self._constraints), recipe))
+
+        def usual(_: float) -> FirstTile:
+            made = self._run(recipe, self._constraints)
+            say_what_was_lost(self._op.flag(), made.lost)
+            return FirstTile(made, recipe)
+
+        first = Try(recipe.scales, usual)
         if not plan.judged:
             return [first]
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
@@ -372,12 +373,17 @@ class SynthesisRun:
                 self._progress.advance(number * total + done, runs * total)
 
             progress = replace(self._progress, tell=tell)
-            source = self._run(own, replace(self._constraints, fixed=fixed), progress).source
-            return SourceMap(np.array(source.packed))  # tiles are cut from others
+            made = self._run(own, replace(self._constraints, fixed=fixed), progress)
+            say_what_was_lost(op.flag(), made.lost)
+            return SourceMap(np.array(made.source.packed))  # tiles are cut from others
 
-        values = self._seen.values
         sources = wang_tiles(
-            make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
+            make,
+            op.variants,
+            recipe.width,
+            recipe.height,
+            recipe.patch,
+            lambda source: source.gather(self._seen.values),
         )
         plane = packed(sources) if op.variants in COUNTS else sources[0]
         if self._plan.judged and op.variants in COUNTS:

@@ -75,20 +75,23 @@ def texture_lost(exemplar: SomeRows, usable: np.ndarray | None, source: SourceMa
     return lost_texture(source, image, allowed_patches(usable, geometry), geometry)
 
 
-def say_what_was_lost(flag: str, lost: Lost) -> None:
+def say_what_was_lost(flag: str, lost: Lost | None) -> None:
     """Log how much of a photo's texture its tile has lost, and warn if it is much.
 
     Parameters
     ----------
     flag : str
         Name of the op.
-    lost : Lost
+    lost : Lost or None
+        None: it was not measured.
 
     Raises
     ------
     ImageError
         More than half of it is lost, or much of it if most of the photo is flat.
     """
+    if lost is None:
+        return
     shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
     log.info("%s: %s; the rest is flat (at most an eighth of the texture's activity)", flag, shares)
     if lost.share <= _MUCH:
