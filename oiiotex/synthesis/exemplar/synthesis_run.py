@@ -295,8 +295,7 @@ class SynthesisRun:
             return [first]
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
         others = [self._at_scale(coarse, *scale) for scale in (*EVENER, LARGER)]
-        is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
-        if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
+        if recipe.measure == "histogram" and fits_layout(self._op.exemplar.first.spec, self._resources):
             others.insert(len(EVENER), layout)
         return [first, *others]
 
@@ -377,13 +376,9 @@ class SynthesisRun:
             say_what_was_lost(op.flag(), made.lost)
             return SourceMap(np.array(made.source.packed))  # tiles are cut from others
 
+        values = self._seen.values
         sources = wang_tiles(
-            make,
-            op.variants,
-            recipe.width,
-            recipe.height,
-            recipe.patch,
-            lambda source: source.gather(self._seen.values),
+            make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
         plane = packed(sources) if op.variants in COUNTS else sources[0]
         if self._plan.judged and op.variants in COUNTS:
