@@ -127,10 +127,11 @@ def test_it_joins_help_and_completion(studio):
 @pytest.mark.slow
 def test_it_joins_the_promise_tests(studio):
     which = "posterize or labmix or matchlight"
-    command = [sys.executable, "-m", "pytest", "tests/promises/test_promises.py", "-k", which, "-v"]
+    command = [sys.executable, "-m", "pytest", "tests/promises/test_promises.py", "-k", which, "-vv"]
     done = subprocess.run(command, cwd=ROOT, env=studio, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 50
+    passed = [line for line in done.stdout.splitlines() if " PASSED" in line]
+    assert all(sum(name in line for line in passed) >= 10 for name in which.split(" or ")), done.stdout[-3000:]
 
 
 OPTIONS = """

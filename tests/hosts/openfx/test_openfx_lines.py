@@ -23,7 +23,7 @@ NODES = {  # node: parameters, the output's label, and whether one channel of th
     "Flatten": ({"radius": 12.0}, "", False),
     "Synthesize": ({"size": (WIDTH, HEIGHT), "origin": (-70, 31), "exemplarside": 3}, "", False),
     "Quilt": ({"patch": 16}, "", False),
-    "Labels": ({}, "Label", False),
+    "Labels": ({"coarsest": 2}, "Label", False),  # none: a photo of one texture has one coarsest label
     "Labels cryptomatte": ({}, "Cryptomatte", False),
     "Labels matte": ({"matte": "label.2/1"}, "Matte", True),
     "DominantMask": ({}, "", True),
