@@ -94,16 +94,22 @@ def _explained(
 def _best_continuation(
     photo: SomeRows, source: SourceMap, grid: tuple[np.ndarray, ...], around: np.ndarray, own: np.ndarray
 ) -> np.ndarray:
-    """How much of the variance of patches, whose samples are `own`, the best of their nine continuations explains."""
+    """How much of the variance of patches, whose samples are `own`, the best of their nine continuations explains.
+
+    Places on the same side of a cut continue alike: each continuation of a patch is compared once.
+    """
     half, explained = int(around[-1]), np.zeros(len(own))
-    for down in (-half, 0, half):
-        for right in (-half, 0, half):
-            down_there, right_there = _continued(source, photo.shape, grid, (down, right), half)
-            y, x = down_there[:, None, None] + around[:, None], right_there[:, None, None] + around
-            other = _samples(SourceMap.of(y, x, bits=32), photo)
-            both, power = _products(own, other), _products(other, other)
-            gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
-            explained = np.maximum(explained, gain * (2 * both - gain * power))
+    offsets = [(down, right) for down in (-half, 0, half) for right in (-half, 0, half)]
+    continued = np.array([_continued(source, photo.shape, grid, offset, half) for offset in offsets])
+    for n, there in enumerate(continued):
+        new = np.flatnonzero(~(continued[:n] == there).all(1).any(0))
+        if not new.size:
+            continue
+        y, x = there[0, new, None, None] + around[:, None], there[1, new, None, None] + around
+        other = _samples(SourceMap.of(y, x, bits=32), photo)
+        both, power = _products(own[new], other), _products(other, other)
+        gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
+        explained[new] = np.maximum(explained[new], gain * (2 * both - gain * power))
     return explained
 
 
