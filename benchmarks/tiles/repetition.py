@@ -37,7 +37,7 @@ SHARES = (0.1, 0.25, 0.5, 0.75)
 
 def measures(photo: Photo, seed: int, complete: bool) -> np.ndarray:
     """Of a tile as large as the photo, in the order of `NAMES`."""
-    resources = photo.resources
+    resources = photo.session.resources
     op = Stationarize(exemplar=photo.image, seed=seed)
     recipe = replace(op.recipe(photo.width, photo.height), complete=complete)
     before = time.process_time()

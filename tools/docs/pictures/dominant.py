@@ -11,7 +11,7 @@ from benchmarks.dominant.composites import TWELVE, composite, mask_by, seen_as
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.analysis.dominant.diffusion import dominant_texture
-from oiiotex.analysis.dominant.refinement import refined_mask
+from oiiotex.analysis.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.session import Session
 from tools.docs.pictures.dominant_chart import COLORS, Plot, diagnostics
@@ -67,7 +67,7 @@ def every_composite() -> None:
     for n in range(len(TWELVE)):
         _, picture, truth = composite(n)
         seen = seen_as(picture, session)
-        mask = refined_mask(dominant_texture(seen, session.resources, session.progress), seen)
+        mask = refined_mask(dominant_texture(seen, session.resources, session.progress), seen, pixel_colors(seen))
         shown = [picture, *(np.where(kept[..., None], picture, 1) for kept in (mask, truth))]
         panes.append(beside(*(np.rint(255 * p).astype(np.uint8) for p in shown), gap=4))
     rows = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
