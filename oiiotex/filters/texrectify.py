@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,6 +24,7 @@ from ..engine.deferred import np, oiio
 from ..engine.errors import ImageError, ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..surfaces.capture.front_rectangle import FrontRectangle
 from ..surfaces.capture.homography import aspect_of, homography, require_quadrangle, sides_of
 
 log = logging.getLogger("oiiotex")
@@ -54,7 +55,8 @@ class Rectify(Gather):
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
     detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
-    both axes.
+    both axes. Without a lattice, the perspective that makes the texture the same everywhere (planks, shingles, cobbles,
+    grass) is straightened, and the result contains most of the photo.
 
     With `meters`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
     filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
@@ -76,7 +78,7 @@ class Rectify(Gather):
 
     source: Image = image(help="Photo to rectify.")
     corners: Numbers | None = param(
-        None, unit="px", unset="detected from the photo's lattice", example="9,4,120,16,110,90,2,80",
+        None, unit="px", unset="detected from the photo's lattice or texture", example="9,4,120,16,110,90,2,80",
         help="Corners as x,y of top left, top right, bottom right, bottom left, relative to the display window.",
     )  # fmt: skip
     size: Size | None = param(
@@ -102,12 +104,12 @@ class Rectify(Gather):
     )
 
     def plan(self, facts: Facts) -> Plan:
-        """The rectified part, if its corners are given; otherwise its size depends on the photo's lattice."""
+        """The rectified part, if its corners are given; otherwise its size depends on the photo."""
         if self.source.first.exact:
             raise ImageError(f"{self.source.source} contains ids or source coordinates, which cannot be resampled")
         if self.corners is None:
             self._meters(None)
-            spec, task = self.source.first.spec, "finding the lattice of the photo"
+            spec, task = self.source.first.spec, "finding the perspective of the photo"
             facts.require(_LATTICE_BYTES * spec.width * spec.height, task, "set corners")
             color_to_convert(self.source, facts, Space.LAB)
             return Plan()
@@ -119,16 +121,19 @@ class Rectify(Gather):
         return Plan(self._rectified(corners, None, facts))
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
-        """The rectified first part; the photo is read ahead only to find its lattice."""
+        """The rectified first part; the photo is read ahead only to find its perspective."""
         if plan.results is not None:
             results: dict[str, Any] = plan.results
             return results
-        return self._rectified(*self._corners(session), session.resources)
+        found = self._found(session)
+        return self._rectified(found.corners, found.cells, session.resources, found.size)
 
-    def _rectified(self, corners: np.ndarray, cells: tuple[int, int] | None, facts: Facts) -> dict[str, Any]:
+    def _rectified(
+        self, corners: np.ndarray, cells: tuple[int, int] | None, facts: Facts, found: tuple[int, int] | None = None
+    ) -> dict[str, Any]:
         part = self.source.first
         meters = self._meters(cells)
-        width, height = self._size(corners, meters)
+        width, height = found if found and not self.size and not meters else self._size(corners, meters)
         matrix = homography(corners, width, height)
         spec = derived_spec(part.spec, width, height)
         for stale in ("XResolution", "YResolution", "ResolutionUnit"):
@@ -144,33 +149,25 @@ class Rectify(Gather):
         rectified = Part(part.name, spec, self._seen(part, matrix, spec, facts), part.stored)
         return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "facts": geometry}
 
-    def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int]]:
-        """Four points of the photo's lattice, and the cells between them."""
-        from ..surfaces.capture.slanted_lattice import (  # only without corners
-            is_sheared,
-            largest_rectangle,
-            slanted_lattice,
-        )
+    def _found(self, session: Session) -> FrontRectangle:
+        """The rectangle that the photo's lattice or texture shows."""
+        from ..surfaces.capture.front_rectangle import front_rectangle  # only without corners
 
         spec = self.source.first.spec
         values, opaque = working_values(self.source, session.resources)
         with session.resources.stats.time("lattice"):
-            lattice = slanted_lattice(values, opaque)
-        if lattice is None:
+            found = front_rectangle(values, opaque)
+        if found is None:
             raise ImageError(
-                "has no regular repeats in two directions",
+                "has no lattice at right angles, and its texture shows no perspective",
                 subject=self.source.source,
                 hint="set corners=x,y,x,y,x,y,x,y of a rectangle",
             )
-        corners, cells = largest_rectangle(lattice, (spec.width, spec.height))
-        if is_sheared(values, lattice, corners, cells):
-            raise ImageError(
-                "has joints that would not meet at right angles: its lattice is oblique",
-                subject=self.source.source,
-                hint="set corners=x,y,x,y,x,y,x,y of a rectangle",
-            )
-        corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
-        return np.round(corners, 2), cells  # as logged for other maps
+        if found.cells is None and self.meters is not None:
+            expected = "corners as well, because the photo has no lattice"
+            raise ParameterError(parameter="meters", value=self.meters, expected=expected)
+        shifted = found.corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
+        return replace(found, corners=np.round(shifted, 2) + 0.0)  # as logged for other maps
 
     def _meters(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""

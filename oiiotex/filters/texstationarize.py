@@ -13,7 +13,8 @@ from ..analysis.stationarity.measures import MEASURE, MEASURES, statistics_of
 from ..engine.color.lab import color_to_convert, working_values
 from ..engine.core.image import Image, Part
 from ..engine.core.op import Output, Plan
-from ..engine.core.parameters import image, param
+from ..engine.core.parameters import Numbers, image, param
+from ..engine.deferred import np
 from ..engine.errors import ParameterError, spelled, texture_filter, whole_budget
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -36,7 +37,7 @@ from ..synthesis.exemplar.presets import (
 from ..synthesis.layout.limits import require_layout
 from ..synthesis.patchmatch.patch_search import RANDOM, SEARCH_HELP, SEARCHES
 from ..synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
-from ..synthesis.quality.fidelity import FAIR, GOOD
+from ..synthesis.quality.fidelity import FAIR
 
 log = logging.getLogger("oiiotex")
 
@@ -209,19 +210,27 @@ True
         return made
 
     def _say_if_oblique(self, tile: Part, plan: SynthesisPlan, resources: Resources) -> None:
-        """Name --texrectify if it can straighten a photo whose tile is not good; as a warning if that is poor."""
-        from ..surfaces.capture.oblique_view import OBLIQUE, SEARCH_BYTES, scale_ratio  # rarely needed
+        """Name --texrectify if it can straighten the photo; as a warning if the tile is poor."""
+        from ..surfaces.capture.front_rectangle import front_rectangle  # rarely needed
+        from ..surfaces.capture.textured_plane import SEARCH_BYTES, textured_plane
 
         fidelity = float(tile.spec.get_string_attribute("oiiotex:fidelity", "1"))
         level = logging.WARNING if fidelity < FAIR else logging.INFO
-        if fidelity >= GOOD or not log.isEnabledFor(level) or resources.budget < SEARCH_BYTES:
+        if not log.isEnabledFor(level) or resources.budget < SEARCH_BYTES:
             return
         with resources.stats.time("perspective"):
-            ratio = scale_ratio(*working_values(self.exemplar, resources, self.working_space, plan.in_memory))
-        if ratio is not None and ratio >= OBLIQUE:
-            rectify = spelled(texture_filter("rectify"))
-            text = "%s: the photo is oblique: nearer elements are %.1f times as large; %s straightens it"
-            log.log(level, text, self.flag(), ratio, rectify)
+            photo = working_values(self.exemplar, resources, self.working_space, plan.in_memory)
+            plane = textured_plane(*photo)
+            found = None if plane is None else front_rectangle(*photo)
+        if plane is None or found is None:
+            return
+        spec = self.exemplar.first.spec
+        corners = np.round(found.corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y]), 1) + 0.0
+        size = "" if found.size is None else f":size={found.size[0]}x{found.size[1]}"
+        line = f"{spelled(texture_filter('rectify'))}:corners={Numbers(corners.ravel())}{size}"
+        text = "%s: the photo is oblique: the nearest elements are %.1f times as large as the farthest, which explains"
+        text += " %.0f %% of how the texture varies; straighten it first: %s"
+        log.log(level, text, self.flag(), plane.ratio, 100 * plane.explained, line)
 
     def _strength(self, facts: Facts) -> float:
         """Share of the low-frequency variation to remove."""
