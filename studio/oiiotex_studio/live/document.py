@@ -164,7 +164,7 @@ PLACE_BITS = 96  # fraction bits of a zoom position: units of 1/2^96 root pixel
 class Document:
     """A document and its file.
 
-    Opening it removes what killed pages have left in its folders: a page may not write there for a long time.
+    Opening it removes what killed pages have left in its folders, where nothing else is written for a long time.
     """
 
     def __init__(
