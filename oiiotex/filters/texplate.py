@@ -93,7 +93,8 @@ class Plate(Whole):
         shown = self._frames()
         display = Window.display(self.source.first.spec)
         size, advice = display.width * display.height, "choose a shorter range of frames"
-        facts.require(len(shown) * size, f"masks of {len(shown)} frames", advice)
+        held = size * (len(shown) + 4 * self.source.first.spec.nchannels)
+        facts.require(held, "reading the frames", advice)
         if self.motion is not None:
             self._require_motion(self.motion, list(shown), facts)
         return Plan(work=shown)
@@ -135,7 +136,7 @@ class Plate(Whole):
         self, shown: dict[int, tuple[str, str]], display: Window
     ) -> Iterator[tuple[int, tuple[Part, np.ndarray]]]:
         """Each frame with its region, (h, w) bool."""
-        from ..surfaces.motion.frame_files import region_of
+        from ..surfaces.motion.frame_files import covered
 
         for number, (picture, mask) in shown.items():
             part = read(picture).first if picture else self.source.first
@@ -143,7 +144,7 @@ class Plate(Whole):
             if holder is None:
                 region = np.zeros(display.size[::-1], bool)
             else:
-                region = region_of(holder.first, display, f"region {mask or holder.source}") > 0
+                region = covered(holder.first, display, f"region {mask or holder.source}")
             yield number, (part, region)
 
     def _values(self, part: Part, number: int, display: Window) -> np.ndarray:

@@ -11,6 +11,7 @@ from oiiotex.engine.core.image import channels_of
 from oiiotex.engine.errors import Error, ImageError
 from oiiotex.engine.io.reading import _checked, read
 from oiiotex.oiiotool.cli.running.line_run import run
+from tests.foreign_bytes import BY_SPECIFICATION
 
 
 @pytest.fixture
@@ -80,3 +81,17 @@ def test_a_file_without_pixels_is_refused_in_one_line(empty, line):
 @pytest.mark.parametrize("line", ["--info -v empty.fits", "empty.fits --printinfo", "--hash empty.fits"])
 def test_information_about_a_file_without_pixels_is_printed(empty, line):
     assert run(shlex.split(line), empty) == 0
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_user_data_that_a_cineon_file_does_not_hold_is_refused_before_it_is_allocated(tmp_path, order):
+    BY_SPECIFICATION["rgb.cin"](tmp_path / "a.cin")
+    data = bytearray((tmp_path / "a.cin").read_bytes())
+    data[16:20] = (len(data) - 1024).to_bytes(4, "big")
+    (tmp_path / "a.cin").write_bytes(data)
+    assert read(tmp_path / "a.cin").first.pixels().any()
+    data[:4] = data[:4] if order == "big" else data[3::-1]
+    data[16:20] = (len(data) + 1).to_bytes(4, order)  # with 2 GB, the reader takes 6
+    (tmp_path / "a.cin").write_bytes(data)
+    with pytest.raises(ImageError, match=f"the file is damaged: it says that it has {len(data) + 1} bytes of user"):
+        read(tmp_path / "a.cin")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -82,6 +83,82 @@ print("went on")
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (ended.stdout, ended.stderr, ended.returncode) == ("", "", 143)
+
+
+REPLACED = """
+import atexit, signal, sys
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli import main
+
+def replaced(error, *_):
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except BaseException:
+        if error is not None:
+            raise error  # as the locks of Python's library do, which are released twice
+
+def work(words):
+    if words[0] == "at the end":
+        atexit.register(replaced, RuntimeError("x"))
+    else:
+        replaced({"error": Error("x"), "internal": KeyError("x"), "pipe": BrokenPipeError(), "nothing": None}[words[0]])
+    return 0
+
+if sys.argv[1] == "before":
+    main.watch_signals = lambda: replaced(RuntimeError("release unlocked lock"))
+main.exit_with(sys.argv[1:], work)
+"""
+
+
+@pytest.mark.parametrize("when", ["before", "error", "internal", "pipe", "nothing", "at the end"])
+def test_a_signal_whose_exception_is_replaced_or_lost_ends_the_run(when):
+    ended = subprocess.run([sys.executable, "-c", REPLACED, when], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("", "", 143)
+
+
+EVERY_LINE = """
+import collections, os, signal, sys
+from oiiotex.oiiotool.cli import main
+from oiiotex.oiiotool.cli.running import stopping
+
+process, places, codes = os.getpid(), set(), collections.Counter()
+
+def stopped_here(frame, event, _):
+    place = frame.f_code.co_filename, frame.f_lineno, event
+    if os.getpid() != process:  # the guard
+        return None
+    handled = signal.getsignal(signal.SIGINT) is stopping._stop
+    ours = "/oiiotex/oiiotool/cli/" in place[0] or place[0].endswith("threading.py")
+    if handled and ours and event in ("call", "line", "return") and place not in places:
+        places.add(place)
+        if os.fork() == 0:
+            sys.settrace(None)
+            signal.set_wakeup_fd(-1)  # this process shares it
+            signal.alarm(60)
+            signal.raise_signal(signal.SIGINT)
+            return None
+        codes[os.waitstatus_to_exitcode(os.wait()[1])] += 1
+    return stopped_here
+
+def work(words):
+    from oiiotex.oiiotool.cli.running.line_run import run
+    status = run(words)
+    sys.settrace(None)
+    print(dict(codes))
+    return status
+
+sys.settrace(stopped_here)
+main.exit_with(sys.argv[1:], work)
+"""
+
+
+@pytest.mark.slow
+def test_a_signal_at_any_line_of_the_front_end_ends_the_run_with_its_code(tmp_path):
+    words = ["--create", "8x8", "3", "--flip", "--echo", "x"]
+    ended = subprocess.run([sys.executable, "-c", EVERY_LINE, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (ended.stderr, ended.returncode) == ("", 0)
+    codes = ast.literal_eval(ended.stdout.splitlines()[-1])
+    assert set(codes) == {130} and codes[130] > 300, codes
 
 
 STUCK = {"out.jxl": ["-o"], "out.webp": ["--compression", "lossless:100", "-o"], "out.tx": ["-otex"]}

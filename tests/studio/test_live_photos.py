@@ -6,6 +6,10 @@ from __future__ import annotations
 import asyncio
 import errno
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +18,7 @@ import pytest
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
 
 from oiiotex_studio.api.images import from_array
+from oiiotex_studio.live.document import Document, default_state
 from oiiotex_studio.live.hub import Hub
 from oiiotex_studio.live.option import _photos
 from oiiotex_studio.live.pages import Page
@@ -23,6 +28,7 @@ from oiiotex_studio.live.photos.upload import MOST, Upload, photos_in
 
 from oiiotex.engine.core.image import Image
 from oiiotex.engine.errors import Error, MemoryBudgetError
+from oiiotex.engine.io.atomic import temporary_beside
 from oiiotex.engine.session import Session
 from oiiotex.oiiotool.cli.language.parse import parse
 from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
@@ -122,6 +128,43 @@ def test_photos_of_one_name_have_a_document_each(tmp_path):
 
     taken: list[Path] = []
     assert [opened("p/a.png"), opened("q/a.png")] == ["a.texlive.json", "a_2.texlive.json"]
+
+
+KILLED = """
+import contextlib, os, signal
+from pathlib import Path
+from oiiotex_studio.api import files
+from oiiotex_studio.live import document
+from oiiotex_studio.live.numbered import make_folder
+
+@contextlib.contextmanager
+def killed(path):
+    with files.written(path) as file, files.written(path.with_name("photo.masks") / "000001.png"):
+        file.write(b"half")
+        yield file
+        os.kill(os.getpid(), signal.SIGKILL)
+
+make_folder(Path("photo.masks"), "masks")
+document.written = killed
+path = Path("photo.texlive.json")
+made = document.Document(path, document.default_state("d", "v", 256), "photo.png", {"d": ["v"]})
+made.change("tile", {"seed": 7})
+made.save()
+"""
+
+
+def test_what_a_killed_page_leaves_is_removed_when_its_document_is_opened(tmp_path):
+    ended = subprocess.run([sys.executable, "-c", KILLED], cwd=tmp_path)
+    assert ended.returncode == -signal.SIGKILL
+
+    def left() -> list[str]:
+        return [path.name for path in tmp_path.rglob(".*")]
+
+    assert len(left()) == 2 and not (tmp_path / "photo.texlive.json").exists()
+    with temporary_beside(tmp_path / "photo.png") as living:  # as of an upload on another page
+        Document(tmp_path / "photo.texlive.json", default_state("d", "v", 256), "photo.png", {"d": ["v"]})
+        assert left() == [living.name]
+    assert left() == [] and sorted(os.listdir(tmp_path)) == ["photo.masks", "photo.png"]
 
 
 def test_a_photo_whose_work_cannot_be_saved_stays_open(tmp_path, monkeypatch):

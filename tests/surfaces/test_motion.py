@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.engine.core.image import channels_of
+from oiiotex.engine.core.image import channels_of, from_array
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from oiiotex.surfaces.capture.homography import homography_of, through
 from oiiotex.surfaces.motion.clean_plate import MARGIN, assembled, laid_out
-from oiiotex.surfaces.motion.frame_files import numbered
+from oiiotex.surfaces.motion.frame_files import covered, numbered, region_of
 from oiiotex.surfaces.motion.frame_grain import Side, grain_between, of_shot
 from oiiotex.surfaces.motion.frame_motion import STEP, FrameMotion, fitted, nodes, read_shot
 from oiiotex.surfaces.motion.light import gains, grain
@@ -290,3 +292,21 @@ def test_a_cut_and_a_blank_wall_are_refused(shot):
     assert done.returncode == 1 and "frame 2 does not show the surface of frame 1" in done.stderr
     done = oiiotex("cut.3.exr", "--texplate:frames=2-3", "-o", "x.exr", cwd=shot)
     assert done.returncode == 1 and "frame 3 has 0 features to track" in done.stderr
+
+
+def test_the_region_of_a_large_frame_is_read_in_bands(monkeypatch):
+    mask = from_array(np.indices((150, 9)).sum(0).astype(np.uint8)[..., None]).first
+    rows = []
+
+    def fetched(window: Window) -> np.ndarray:
+        rows.append(window.height)
+        return mask.read(window)
+
+    region = covered(replace(mask, fetch=fetched), mask.window, "region")
+    np.testing.assert_array_equal(region, region_of(mask, mask.window, "region") > 0)
+    assert region.dtype == bool and sum(rows) == 150 and max(rows) <= 64
+
+
+def test_a_plate_that_does_not_fit_is_refused_before_the_work(tmp_path):
+    done = oiiotex("--cache", "64", "--create", "3000x3000", "3", "--texplate", "-o", "o.exr", cwd=tmp_path)
+    assert done.returncode == 1 and "reading the frames needs 112 MB" in done.stderr

@@ -28,6 +28,7 @@ from .documents import require_regular
 _PIECE_BYTES = 4 << 20
 _BLOCK = 16  # rows of a piece are a multiple of the rows compressed together, or of this if that is unknown
 _CACHE_BYTES = 256 << 20
+_CINEON = 0x802A5FD7
 _sources: weakref.WeakSet[_OpenFile] = weakref.WeakSet()
 
 
@@ -62,6 +63,7 @@ def read(
     if not os.path.exists(path):
         raise ImageError(f"{path}: no such file")
     require_regular(path)
+    _require_user_data(path)
     source = _OpenFile(path, config)
     cache = cache or PieceCache(_CACHE_BYTES)
     parts: list[Part] = []
@@ -103,6 +105,23 @@ def error_text(geterror: Callable[[], str]) -> str:
         return one_line(geterror())
     except UnicodeDecodeError as error:
         return one_line(error.object.decode(errors="backslashreplace"))
+
+
+def _require_user_data(path: str) -> None:
+    """Refuse a Cineon file whose header names more user data than the file holds: its reader allocates all of it.
+
+    The header begins with magic number, offset of the pixels, and the lengths of its generic, its industry and its user
+    part, in the byte order of the magic number. Readers of other formats compare such lengths with the file's size.
+    """
+    try:
+        with open(path, "rb") as file:
+            head = file.read(20)
+    except OSError:
+        return  # opening it reports the error
+    for order in ("big", "little"):
+        magic, length = (int.from_bytes(head[at : at + 4], order) for at in (0, 16))
+        if magic == _CINEON and length > os.path.getsize(path):
+            raise ImageError(f"{path}: the file is damaged: it says that it has {length} bytes of user data")
 
 
 class _OpenFile:

@@ -8,12 +8,12 @@ import sys
 from collections.abc import Callable
 
 from .running.stopping import (
-    Stopped,
     end_finished,
+    end_undisturbed,
     end_unwound,
-    ignore_interrupts,
     raise_if_stopped,
     stop_on_signals,
+    stopped_by,
     watch_signals,
 )
 
@@ -44,9 +44,12 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
             quiet_libraries()
         watch_signals()
         status = _run(words, work)
-        ignore_interrupts()
-    except Stopped as stopped:
-        end_unwound(stopped.number)
+        raise_if_stopped()
+        end_undisturbed()
+    except BaseException:  # locks of Python's library and importing C modules replace `Stopped` by their own errors
+        if number := stopped_by():
+            end_unwound(number)
+        raise
     import gc
 
     gc.unfreeze()  # libraries that look for leaks see objects freed as usual
@@ -85,7 +88,6 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
         drop(1)
         return 141  # as a shell reports a program that SIGPIPE ended
     except Exception as error:  # a bug or a failing machine
-        raise_if_stopped()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
         return _failed(words, f"{kind}{reason_of(error)} (--debug prints a traceback)")
     try:
@@ -115,7 +117,8 @@ def _require_address_space() -> None:
 
 
 def _failed(words: list[str], text: str) -> int:
-    """Print the error in one line, after flushing stdout."""
+    """Print the error in one line, after flushing stdout, unless it is what a signal has led to."""
+    raise_if_stopped()
     from ...engine.errors import one_line
     from .running.streams import drop
 

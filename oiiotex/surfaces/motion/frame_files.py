@@ -15,6 +15,7 @@ from ...engine.io.reading import read
 
 _MOST = 10_000
 _DIGITS = 10  # from here on it is a date and time, not a frame number
+_ROWS = 64  # of a band of a mask
 _LEAST = 0.01  # smaller values of a mask count as 0: JPEG files are never quite black
 
 
@@ -94,14 +95,29 @@ def values_of(part: Part, display: Window, name: str) -> np.ndarray:
     ImageError
         The part has another display window.
     """
-    own = Window.display(part.spec)
-    if own.size != display.size:
-        sizes = f"{own.width}x{own.height}, but the frame is {display.width}x{display.height}"
-        raise ImageError(f"{name} is {sizes}: expected the same size")
-    return as_float(cropped(part, own).pixels())
+    return as_float(_shown(part, display, name).pixels())
 
 
 def region_of(part: Part, display: Window, name: str) -> np.ndarray:
     """A mask as (height, width) float32, 0 to 1; raises as `values_of` does."""
-    values = values_of(part, display, name)[..., channels_of(part.spec).first]
-    return np.where(values > _LEAST, np.minimum(values, 1), 0)
+    return _coverage(values_of(part, display, name), part)
+
+
+def covered(part: Part, display: Window, name: str) -> np.ndarray:
+    """Where a mask is not black, (height, width) bool, read in bands of rows; raises as `values_of` does."""
+    shown = _shown(part, display, name)
+    bands = shown.window.cells(display.width, _ROWS)
+    return np.concatenate([_coverage(as_float(shown.read(band)), part) > 0 for band in bands])
+
+
+def _shown(part: Part, display: Window, name: str) -> Part:
+    own = Window.display(part.spec)
+    if own.size != display.size:
+        sizes = f"{own.width}x{own.height}, but the frame is {display.width}x{display.height}"
+        raise ImageError(f"{name} is {sizes}: expected the same size")
+    return cropped(part, own)
+
+
+def _coverage(values: np.ndarray, part: Part) -> np.ndarray:
+    coverage = values[..., channels_of(part.spec).first]
+    return np.where(coverage > _LEAST, np.minimum(coverage, 1), 0)

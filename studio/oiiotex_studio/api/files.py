@@ -6,6 +6,7 @@ from oiiotex.engine.io.atomic import (
     OutsideError,
     held_beside,
     release,
+    sweep,
     temporary_beside,
     writing_only_below,
     written,

@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
 from oiiotex.engine.errors import Error, ImageError, ParameterError, within
 
-from ..api.files import Allowed, Fraction, Seed, read_as, read_document, types_of, written
+from ..api.files import Allowed, Fraction, Seed, read_as, read_document, sweep, types_of, written
 from ..api.painting import MEASURES, PRESETS
 from .history import History, Values
+from .numbered import is_folder
 
 VERSION = 1
 MOST_VARIANTS = 64
@@ -159,7 +162,10 @@ PLACE_BITS = 96  # fraction bits of a zoom position: units of 1/2^96 root pixel
 
 
 class Document:
-    """A document and its file."""
+    """A document and its file.
+
+    Opening it removes what killed pages have left in its folders, where nothing else is written for a long time.
+    """
 
     def __init__(
         self, path: Path, state: Values, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
@@ -167,11 +173,20 @@ class Document:
         self.path, self.state, self._source, self._views, self._left = path, state, source, views, left
         self._changes = self._saved = 0
         self.history = History()
+        self._sweep()
         if path.exists():
             self._read(path)
         if left is not None and left.exists():
             self._read(left)
             self._changes += 1
+
+    def _sweep(self) -> None:
+        folders = [self.path.parent, self.beside("masks"), self.beside("paint")]
+        if self._left is not None:
+            folders.append(self._left.parent)
+        for folder in filter(is_folder, folders):
+            with contextlib.suppress(OSError):  # a page may open in a folder that cannot be read
+                sweep(folder, time.time())
 
     def _read(self, path: Path) -> None:
         content = read_document(path)

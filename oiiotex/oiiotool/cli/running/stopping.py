@@ -36,14 +36,14 @@ def stop_on_signals() -> None:
 
 def end_on_signals() -> None:
     """Let SIGTERM and SIGHUP end this process at once: a worker, which ignores SIGINT."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _handle(SIGNALS[1:], end_at_once)
+    end_undisturbed()
     watch_signals()
 
 
-def ignore_interrupts() -> None:
-    """Ignore SIGINT while Python ends, so that it does not change the exit code."""
+def end_undisturbed() -> None:
+    """Ignore SIGINT while Python ends, so that it does not change the exit code; other signals end it at once."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _handle(SIGNALS[1:], end_at_once)
 
 
 def _handle(numbers: tuple[int, ...], handler: Callable[[int, FrameType | None], object]) -> None:
@@ -81,8 +81,13 @@ def _watch(source: int, sink: int) -> None:
         end_at_once(number)
 
 
+def stopped_by() -> int:
+    """The signal that asked the run to end; 0 before."""
+    return _requested
+
+
 def raise_if_stopped() -> None:
-    """Raise `Stopped` again if C code, such as an importing module, has replaced it by another error."""
+    """Raise `Stopped` again if other code, such as an importing C module, has replaced it by another error."""
     if _requested:
         raise Stopped(_requested)
 
