@@ -27,7 +27,7 @@ from .photometric import FEWEST, albedo_of, fitted, shading, slopes_of
 from .photos import Piece, nonlinear, piece_of
 
 _CELL_BYTES = 3 * 4 * WIDTHS  # of a cell: its misfits, and those of its neighborhood
-_FIT_BYTES = 144  # peak per pixel and photo that a thread fits
+_FIT_BYTES = 148  # peak per pixel and photo that a thread fits
 _PIECE = 1 << 14  # pixels of all photos that a thread fits at once
 _SHADOW = 0.5  # weight below which an observation that is darker than the matte surface is a shadow
 
