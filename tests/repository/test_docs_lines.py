@@ -114,6 +114,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lights = captures.lights(8, turn=90)
     for n, light in enumerate(lights, 1):
         save(captures.photo(reliefs.hills(SIDE, 1), wall, light), folder / f"p{n}.jpg")
+    save(np.full((SIDE, SIDE, 3), 0.9), folder / "white1.jpg")
     (folder / "lights.lp").write_text("\n".join(f"p{n}.jpg {x} {y} {z}" for n, (x, y, z) in enumerate(lights, 1)))
     photos = folder / "photos"
     photos.mkdir()
