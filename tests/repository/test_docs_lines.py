@@ -73,6 +73,7 @@ def small(line: str) -> str:
         return "x".join(str(max(16, side * SIDE // max(*sides, SIDE))) for side in sides)
 
     line = re.sub(r"(?<![\w.])(\d{3,5})x(\d{3,5})", reduced, line)
+    line = re.sub(r"(--cut \d+x\d+)\+\d+\+\d+", r"\1+0+0", line)
     line = re.sub(r"corners=[\d,]+", "corners=5,3,58,6,60,58,4,60", line)
     return re.sub(r"--frames (\d+)-\d+", lambda at: f"--frames {at[1]}-{int(at[1]) + 1}", line)
 
