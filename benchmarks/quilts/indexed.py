@@ -16,7 +16,6 @@ import resource
 import subprocess
 import sys
 import tempfile
-import time
 from importlib import util
 from pathlib import Path
 from types import ModuleType
@@ -24,16 +23,17 @@ from types import ModuleType
 import numpy as np
 
 from benchmarks.shared.measures import data_folder
+from oiiotex.engine.core.demand import rows_of
 from oiiotex.engine.io.reading import read
 
 MAPS = {"albedo": 3, "normal": 3, "roughness": 1, "metallic": 1, "height": 1}  # channels
+PROGRAM = Path(__file__).parents[2] / "hosts" / "shaders" / "textures.py"
 _MB = 1e6
 
 
 def textures_module() -> ModuleType:
     """The program textures.py of hosts/shaders."""
-    path = Path(__file__).parents[2] / "hosts" / "shaders" / "textures.py"
-    spec = util.spec_from_file_location("shader_textures", path)
+    spec = util.spec_from_file_location("shader_textures", PROGRAM)
     assert spec is not None and spec.loader is not None
     module = sys.modules["shader_textures"] = util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -91,16 +91,18 @@ def main() -> None:
         bytes_of = {path.name: path.stat().st_size}
         plain = written(given.side, "tile.exr", Path(text))
         bytes_of[plain.name] = plain.stat().st_size
-        begin = time.process_time()
-        made = module.textures(path)
-        spent, peak = time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        tile, own = read(path).first, int(module.OWN)
-        values = module.first_level(tile)
-        layers, pieces = made.maps[tile.name], module.index_levels(made.index[0])
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        line = ["time", "-f", "%M", sys.executable, str(PROGRAM), str(path), str(Path(text) / "textures")]
+        peak = 1024 * int(subprocess.run(line, check=True, capture_output=True, text=True).stderr.split()[-1])
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        made, tile, own = module.textures(path), read(path).first, int(module.OWN)
+        values, offsets = module.halved(rows_of(tile))[:], np.asarray(made.index[0])
+        layers, pieces = np.asarray(made.maps[tile.name]), module.index_levels(tile)
         print("| level | texels | stored | median | 99 % | most | as stored |\n|---|---|---|---|---|---|---|")
-        for level, index in enumerate(made.index[1:8], 1):
-            near = np.abs(from_photo(layers, made.index[0], level) - values).max(-1)
-            crosses = pieces[level] >= own
+        for level, index in enumerate(map(np.asarray, made.index[1:8]), 1):
+            near = np.abs(from_photo(layers, offsets, level) - values).max(-1)
+            crosses = pieces[level][:] >= own
             apart = 255 * near[crosses] if crosses.any() else np.zeros(1)
             ours = 255 * np.abs(as_fetched(layers, index, level, own) - values).max()
             figures = " | ".join(f"{one:.2f}" for one in (*np.percentile(apart, [50, 99, 100]), ours))
@@ -108,8 +110,8 @@ def main() -> None:
                 f"| {level} | {values.shape[1]} x {values.shape[0]} | {np.mean(index >= own):.1%} | {figures} |",
                 flush=True,
             )
-            values = module.halved(values)
-    texels = sum(level.size for level in made.index)
+            values = module.halved(values)[:]
+    texels = sum(int(np.prod(level.shape)) for level in made.index)
     bytes_of["texture of the index, R32UI"] = 4 * texels
     bytes_of["textures of the maps, half"] = sum(
         np.prod(one.shape[:3]) * _stored_channels(one.shape[-1]) * 2 for one in made.maps.values()

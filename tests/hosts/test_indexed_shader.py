@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import re
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import util
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from oiiotex.engine.core.image import Image
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.io.reading import read
 from tests.browser import DRAWING, chromium
@@ -90,7 +92,7 @@ def tile(request, tmp_path_factory) -> Tile:
 
 def fetched(made, name: str, level: int) -> np.ndarray:
     """A level of a map as the shader fetches it: by the rules that the head of the GLSL file states."""
-    index, layers = made.index[level].astype(np.int64), made.maps[name]
+    index, layers = np.asarray(made.index[level]).astype(np.int64), np.asarray(made.maps[name])
     _, height, width, channels = layers.shape
     rows, columns = np.indices(index.shape) << level
     column, row = (columns + (index & 0xFFFF)) % width, (rows + (index >> 16)) % height
@@ -115,8 +117,37 @@ def test_a_large_tile_takes_little_more_than_its_index(tmp_path):
     made = shader_textures.textures(written(material(source), tmp_path / "tile.oiiotex"))
     texels = np.prod(made.maps["map0"].shape[:3])
     assert texels < 0.04 * 4 / 3 * 1024**2
-    inside = [np.mean(level < shader_textures.OWN) for level in made.index]
+    inside = [np.mean(np.asarray(level) < shader_textures.OWN) for level in made.index]
     assert inside[:5] == [1, 1, 1, 1, 1] and inside[5:] == [0] * 6  # from 32 x 32 on fewer texels than the photo has
+
+
+def files_of(path: Path, folder: Path) -> dict[str, bytes]:
+    shader_textures.write_textures(shader_textures.textures(path), folder)
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+def test_bands_and_temporary_files_do_not_show(tile, tmp_path, monkeypatch):
+    whole = files_of(tile.path, tmp_path / "whole")
+    assert set(whole) == {"index.ktx2", *(f"{name}.ktx2" for name in MAPS)}
+    monkeypatch.setattr(shader_textures, "_BAND_BYTES", 4000)  # of one row of a map, to a few of the index
+    monkeypatch.setattr(shader_textures, "_HELD_BYTES", 0)
+    assert files_of(tile.path, tmp_path / "bands") == whole
+
+
+def test_memory_does_not_grow_with_the_tile(tmp_path, monkeypatch):
+    """The index alone takes 16 MB, and a map of four channels at half the size as much."""
+    y, x = np.indices((16384, 256), np.int32)
+    source = SourceMap.of((y + y // 64 * 11) % PHOTO[1], (x + x // 64 * 7) % PHOTO[0])
+    path, band = written(material(source), tmp_path / "tile.oiiotex"), 1 << 18
+    monkeypatch.setattr(shader_textures, "_BAND_BYTES", band)
+    monkeypatch.setattr(shader_textures, "_HELD_BYTES", band)
+    monkeypatch.setattr(shader_textures, "read", lambda path: read(path, PieceCache(6 << 20)))
+    del x, y, source
+    tracemalloc.start()
+    files_of(path, tmp_path / "out")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16 << 20  # 13; whole arrays take 65
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,7 @@ def small(line: str) -> str:
         return "x".join(str(max(16, side * SIDE // max(*sides, SIDE))) for side in sides)
 
     line = re.sub(r"(?<![\w.])(\d{3,5})x(\d{3,5})", reduced, line)
+    line = re.sub(r"(--cut \d+x\d+)\+\d+\+\d+", r"\1+0+0", line)
     line = re.sub(r"corners=[\d,]+", "corners=5,3,58,6,60,58,4,60", line)
     return re.sub(r"--frames (\d+)-\d+", lambda at: f"--frames {at[1]}-{int(at[1]) + 1}", line)
 
@@ -114,6 +115,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lights = captures.lights(8, turn=90)
     for n, light in enumerate(lights, 1):
         save(captures.photo(reliefs.hills(SIDE, 1), wall, light), folder / f"p{n}.jpg")
+    save(np.full((SIDE, SIDE, 3), 0.9), folder / "white1.jpg")
     (folder / "lights.lp").write_text("\n".join(f"p{n}.jpg {x} {y} {z}" for n, (x, y, z) in enumerate(lights, 1)))
     photos = folder / "photos"
     photos.mkdir()

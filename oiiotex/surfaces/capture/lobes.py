@@ -10,7 +10,7 @@ one pixel, so that the pixels of a cell decide together.
 from __future__ import annotations
 
 from ...engine.deferred import np
-from .photometric import Fit, Solver, fit_of, reweighted
+from .photometric import Fit, Solver, fit_of, reweighted, shading, summed, trusted
 
 FEWEST = 6  # photos that tell roughness
 CELL = 8  # px
@@ -43,14 +43,15 @@ def lobe_misfits(over: np.ndarray, lit: np.ndarray, fit: Fit, toward: np.ndarray
     toward : (n, 3, pixels or 1) float32
         Directions of the lights.
     """
-    misfits, solver = np.zeros((WIDTHS, over.shape[1]), np.float32), Solver(toward, fit.weights)
-    for misfit, roughness in zip(misfits, _widths(), strict=True):
-        lobes = _lobes(fit.normals, toward, roughness * roughness)
-        taken = solver.surface(lobes)
-        for light, lobe, excess, seen in zip(toward, lobes, over, lit, strict=True):
-            left = lobe - (light * taken).sum(0)
-            misfit += np.where(seen, left * (left - 2 * excess), np.float32(0))
-    return misfits
+    misfits, solver, excess = [], Solver(toward, fit.weights), 2 * over
+    angles = _angles(fit.normals, toward)
+    for roughness in _widths():
+        left = _lobes(angles, roughness * roughness)
+        left -= shading(solver.surface(left), toward)
+        change = left - excess
+        change *= lit
+        misfits.append(summed(left, change))
+    return np.stack(misfits)
 
 
 def shown_by(cells: np.ndarray, shape: tuple[int, int], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +70,7 @@ def subtracted(
     seen: np.ndarray, toward: np.ndarray, fit: Fit, shown: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Fit, np.ndarray]:
     """The matte surface without a share of the highlights, and that share, (n, pixels) float32."""
-    bright = np.float32(_TAKEN) * shown[0] * _lobes(fit.normals, toward, shown[1])
+    bright = _lobes(_angles(fit.normals, toward), shown[1], np.float32(_TAKEN) * shown[0])
     return fit_of(Solver(toward, fit.weights).surface(seen - bright), fit.weights), bright
 
 
@@ -91,23 +92,31 @@ def refined(
         Of the lobe, (pixels,) float32.
     """
     strength, alpha = shown
+    trust = trusted(valid)
     for _ in range(_STEPS):
         normals, surface = fit.normals, fit.normals * fit.albedo
-        lobes = strength * _lobes(normals, toward, alpha)
+        least = np.maximum(fit.albedo, np.float32(_DARKEST))
+        lobes = _lobes(_angles(normals, toward), alpha, strength)
         ahead = np.maximum(np.sqrt(normals[0] * normals[0] + normals[2] * normals[2]), np.float32(_TURN))
         right = np.stack([normals[2], np.zeros_like(ahead), -normals[0]]) / ahead
         up = np.cross(normals, right, axis=0)
-        slope = np.zeros((len(toward), 3, seen.shape[1]), np.float32)
+        rates = np.zeros((len(seen), 3, seen.shape[1]), np.float32)
         for tangent in (right, up):
             turned = normals + np.float32(_TURN) * tangent
             turned /= np.sqrt((turned * turned).sum(0))
-            change = (strength * _lobes(turned, toward, alpha) - lobes) / np.float32(_TURN)
-            slope += change[:, None] * tangent / np.maximum(fit.albedo, np.float32(_DARKEST))
-        shade = (toward * surface).sum(1)
-        weights = reweighted(seen, np.maximum(shade, 0) + lobes, shade > 0, valid)
-        rates = toward + slope
-        step = Solver(rates, weights).surface(seen - lobes + (slope * surface).sum(1)) - surface
-        far = np.sqrt((step * step).sum(0)) / (np.float32(_STEP) * np.maximum(fit.albedo, np.float32(_DARKEST)))
+            change = _lobes(_angles(turned, toward), alpha, strength)
+            change -= lobes
+            rates += change[:, None] * (tangent / (np.float32(_TURN) * least))
+        shade = shading(surface, toward)
+        lit = shade > 0
+        np.maximum(shade, 0, out=shade)
+        shade += lobes
+        weights = reweighted(seen, shade, lit, trust)
+        matte = np.subtract(seen, lobes, out=lobes)
+        matte += shading(surface, rates)
+        rates += toward
+        step = Solver(rates, weights).surface(matte) - surface
+        far = np.sqrt((step * step).sum(0)) / (np.float32(_STEP) * least)
         fit = fit_of(surface + step / np.maximum(far, 1), weights)
     return fit.normals
 
@@ -149,19 +158,40 @@ def _widths() -> np.ndarray:
     return np.geomspace(_NARROWEST, _WIDEST, WIDTHS).astype(np.float32)
 
 
-def _lobes(normals: np.ndarray, toward: np.ndarray, alpha: np.ndarray | np.float32) -> np.ndarray:
+def _angles(normals: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cosines of normals with half vectors and lights, (n, pixels) float32, and with the camera, (pixels,)."""
+    to_half, to_light = shading(normals, _halves(toward)), shading(normals, toward)
+    return np.maximum(to_half, 0, out=to_half), np.maximum(to_light, 0, out=to_light), normals[2]
+
+
+def _halves(toward: np.ndarray) -> np.ndarray:
+    """Unit vectors halfway between the lights and the camera."""
+    half = toward + np.array([[0], [0], [1]], np.float32)
+    half /= np.sqrt((half * half).sum(1, keepdims=True))
+    return half
+
+
+def _lobes(
+    angles: tuple[np.ndarray, np.ndarray, np.ndarray],
+    alpha: np.ndarray | np.float32,
+    strength: np.ndarray | float = 1.0,
+) -> np.ndarray:
     """Highlights under each light, relative to white that faces it, (n, pixels) float32."""
-    square = alpha * alpha
-    to_eye, found = normals[2], []
+    (to_half, to_light, to_eye), square = angles, alpha * alpha
 
-    def masked(cosine: np.ndarray) -> np.ndarray:
-        return 2 / (cosine + np.sqrt(square + (1 - square) * cosine * cosine))
+    def masking(cosine: np.ndarray) -> np.ndarray:  # twice the inverse of Smith's
+        root = cosine * cosine
+        root *= 1 - square
+        root += square
+        root = np.sqrt(root, out=root)
+        root += cosine
+        return root
 
-    for light in toward:
-        half = light + np.array([[0], [0], [1]], np.float32)
-        half = half / np.sqrt((half * half).sum(0))
-        to_half, to_light = (np.maximum((normals * each).sum(0), 0) for each in (half, light))
-        below = to_half * to_half * (square - 1) + 1
-        spread = np.float32(_MIRRORED / 4) * square / (below * below)
-        found.append(spread * masked(to_light) * to_light * masked(to_eye))
-    return np.stack(found)
+    below = to_half * to_half
+    below *= square - 1
+    below += 1
+    below *= below
+    below *= masking(to_light)
+    lobes = to_light * (strength * square * np.float32(_MIRRORED) / masking(to_eye))
+    lobes /= below
+    return lobes

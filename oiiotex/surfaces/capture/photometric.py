@@ -5,7 +5,9 @@ Photometric stereo (Woodham, Photometric method for determining surface orientat
 Engineering 19(1), 1980) by iteratively reweighted least squares: an observation that the matte surface of the last
 round does not explain counts less, first mildly, then strictly. Weights are those of Geman and McClure, as in graduated
 non-convexity (Black and Rangarajan, On the unification of line processes, outlier rejection, and robust statistics,
-IJCV 19(1), 1996). Only sums, products and roots in a fixed order are used, so that bits do not depend on the CPU.
+IJCV 19(1), 1996). Only sums, products and roots in a fixed order are used, so that bits do not depend on the CPU:
+`einsum` adds photos in their order, which a product of matrices would not. Each step is one call for all photos, in
+arrays that are reused: with one for each photo, a fit takes twice as long.
 
 Vectors: x right, y up, z towards the camera, as in OpenGL normal maps.
 """
@@ -13,7 +15,6 @@ Vectors: x right, y up, z towards the camera, as in OpenGL normal maps.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...engine.deferred import np
@@ -52,28 +53,40 @@ def fitted(seen: np.ndarray, toward: np.ndarray, valid: np.ndarray) -> Fit:
         False where a photo is clipped: at least as bright as it says.
     """
     toward = toward[..., None] if toward.ndim == 2 else toward
-    trust = np.where(valid, np.float32(1), np.float32(1e-3))
-    weights = _by_rank(seen) * trust
+    trust = trusted(valid)
+    weights = _by_rank(seen)
+    if trust is not None:
+        weights *= trust
     surface = Solver(toward, weights).surface(seen)
-    for tolerance in np.geomspace(_LOOSE, _STRICT, _ROUNDS).astype(np.float32):
-        matte = np.maximum(_shading(surface, toward), 0)
-        scale = np.float32(tolerance) * np.maximum(matte.max(0), np.float32(1e-6))
-        away = (seen - matte) / scale
-        away = np.where(away > 0, away / np.float32(_HIGHLIGHT), away)
-        weights = 1 / (1 + away * away)
-        weights *= weights * trust
-        weights = np.where(_shading(surface, toward) > 0, weights, np.float32(0))
+    for tolerance in np.geomspace(_LOOSE, _STRICT, _ROUNDS):
+        shade = shading(surface, toward)
+        lit = shade > 0
+        weights = reweighted(seen, np.maximum(shade, 0, out=shade), lit, trust, float(tolerance))
         surface = Solver(toward, weights).surface(seen)
     return fit_of(surface, weights)
 
 
-def reweighted(seen: np.ndarray, expected: np.ndarray, lit: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Weights of photos (n, pixels) by what a surface is expected to show, as in the last round of `fitted`."""
-    scale = np.float32(_STRICT) * np.maximum(expected.max(0), np.float32(1e-6))
-    away = (seen - expected) / scale
-    away = np.where(away > 0, away / np.float32(_HIGHLIGHT), away)
-    weights = 1 / (1 + away * away)
-    return np.where(lit, weights * weights * np.where(valid, np.float32(1), np.float32(1e-3)), np.float32(0))
+def trusted(valid: np.ndarray) -> np.ndarray | None:
+    """Factors of the weights of photos that may be clipped, (n, pixels) float32; None: 1."""
+    return None if valid.all() else np.where(valid, np.float32(1), np.float32(1e-3))
+
+
+def reweighted(
+    seen: np.ndarray, expected: np.ndarray, lit: np.ndarray, trust: np.ndarray | None, tolerance: float = _STRICT
+) -> np.ndarray:
+    """Weights of photos (n, pixels) by what a surface is expected to show; `trust` as by `trusted`."""
+    scale = np.float32(tolerance) * np.maximum(expected.max(0), np.float32(1e-6))
+    away = seen - expected
+    away /= scale
+    np.maximum(away, away * np.float32(1 / _HIGHLIGHT), out=away)
+    away *= away
+    away += 1
+    weights = np.divide(1, away, out=away)
+    weights *= weights
+    weights *= lit
+    if trust is not None:
+        weights *= trust
+    return weights
 
 
 def fit_of(surface: np.ndarray, weights: np.ndarray) -> Fit:
@@ -82,18 +95,17 @@ def fit_of(surface: np.ndarray, weights: np.ndarray) -> Fit:
     return Fit(_facing(surface / np.maximum(albedo, np.float32(1e-12))), albedo, weights)
 
 
-def albedo_of(color: Sequence[np.ndarray], normals: np.ndarray, toward: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The albedo of one channel: least squares over the photos that show the matte surface.
+def albedo_of(color: np.ndarray, normals: np.ndarray, toward: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The albedo of each channel: least squares over the photos that show the matte surface.
 
-    `color` (n) of (pixels,) float32; the others as in `fitted`. Returns (pixels,) float32.
+    `color` (n, channels, pixels) float32; the others as in `fitted`. Returns (channels, pixels) float32.
     """
     toward = toward[..., None] if toward.ndim == 2 else toward
-    above, below = np.zeros_like(color[0]), np.zeros_like(color[0])
-    for seen, shade, weight in zip(color, _shading(normals, toward), weights, strict=True):
-        lit = np.maximum(shade, 0)
-        above += weight * lit * seen
-        below += weight * lit * lit
-    return above / np.maximum(below, np.float32(1e-6))
+    lit = shading(normals, toward)
+    np.maximum(lit, 0, out=lit)
+    weighted = weights * lit
+    below = np.maximum(summed(weighted, lit), np.float32(1e-6))
+    return np.stack([summed(weighted, color[:, n]) / below for n in range(color.shape[1])])
 
 
 def slopes_of(normals: np.ndarray) -> np.ndarray:
@@ -105,34 +117,27 @@ def slopes_of(normals: np.ndarray) -> np.ndarray:
 def _by_rank(seen: np.ndarray) -> np.ndarray:
     """First weights, (n, pixels): the brightest of four photos or more may be a highlight, the darkest a shadow."""
     count = len(seen)
-    ranks = np.zeros(seen.shape, np.float32)
+    ranks = np.zeros(seen.shape, np.uint8)
     for one in range(count):
-        for other in range(count):
-            if one != other:
-                ranks[one] += (seen[other] < seen[one]) | ((seen[other] == seen[one]) & (other < one))
+        for other in range(one):
+            below = seen[other] <= seen[one]
+            ranks[one] += below
+            ranks[other] += ~below
     few = count < 6
     low, high = (0, count - (count > 3)) if few else (count // 4, count - (count + 2) // 6)
     return np.where((ranks >= low) & (ranks < high), np.float32(1), np.float32(_BRIGHTEST if few else 0))
 
 
-def _shading(surface: np.ndarray, toward: np.ndarray) -> np.ndarray:
+def shading(surface: np.ndarray, toward: np.ndarray) -> np.ndarray:
     """Dot products of vectors (3, pixels) with directions (n, 3, pixels or 1): (n, pixels)."""
-    return toward[:, 0] * surface[0] + toward[:, 1] * surface[1] + toward[:, 2] * surface[2]
+    shade: np.ndarray = np.einsum("nkp,kp->np", toward, surface)
+    return shade
 
 
-def _normal_matrix(toward: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The inverse of the matrix of weighted least squares, by its adjugate: xx, xy, xz, yy, yz, zz, (pixels,)."""
-    sums = np.zeros((6, weights.shape[1]), np.float64)
-    for light, weight in zip(toward, weights, strict=True):
-        x, y, z = (each.astype(np.float64) for each in light)
-        for n, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
-            sums[n] += weight * product
-    sums[[0, 3, 5]] += _FLAT * len(toward)
-    xx, xy, xz, yy, yz, zz = sums
-    c00, c01, c02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    c11, c12, c22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    scale = 1 / np.maximum(xx * c00 + xy * c01 + xz * c02, 1e-12)
-    return tuple(each * scale for each in (c00, c01, c02, c11, c12, c22))
+def summed(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Sums of the products of photos (n, pixels), in their order: (pixels,)."""
+    total: np.ndarray = np.einsum("np,np->p", one, other)
+    return total
 
 
 @dataclass(frozen=True)
@@ -143,20 +148,32 @@ class Solver:
     weights: np.ndarray  # (n, pixels) float32
 
     @functools.cached_property
-    def _inverse(self) -> tuple[np.ndarray, ...]:
-        return _normal_matrix(self.toward, self.weights)
+    def _factors(self) -> tuple[np.ndarray, ...]:
+        """Factors of the matrix, L D L': yx, zx and zy of L, and the inverses of D, each (pixels,)."""
+        axes = [self.toward[:, n] for n in range(3)]
+        products = [summed(self.weights, axes[n] * axes[k]) for n in range(3) for k in range(n, 3)]
+        xx, xy, xz, yy, yz, zz = products
+        for each in (xx, yy, zz):
+            each += np.float32(_FLAT * len(self.toward))
+        x = 1 / xx
+        yx, zx = xy * x, xz * x
+        y = 1 / (yy - yx * xy)
+        rest = yz - zx * xy
+        zy = rest * y
+        return yx, zx, zy, x, y, 1 / (zz - zx * xz - zy * rest)
 
     def surface(self, seen: np.ndarray) -> np.ndarray:
         """Albedo times normal, (3, pixels) float32, of values (n, pixels)."""
-        x, y, z = np.zeros((3, seen.shape[1]), np.float64)
-        for light, weight, value in zip(self.toward, self.weights, seen, strict=True):
-            weighted = weight * value
-            x += weighted * light[0]
-            y += weighted * light[1]
-            z += weighted * light[2] + _FLAT * value
-        xx, xy, xz, yy, yz, zz = self._inverse
-        sides = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-        return np.stack(sides).astype(np.float32)
+        weighted = self.weights * seen
+        x, y, z = (summed(weighted, self.toward[:, n]) for n in range(3))
+        z += np.float32(_FLAT) * seen.sum(0)
+        yx, zx, zy, *scale = self._factors
+        y -= yx * x
+        z -= zx * x + zy * y
+        x, y, z = x * scale[0], y * scale[1], z * scale[2]
+        y -= zy * z
+        x -= yx * y + zx * z
+        return np.stack([x, y, z])
 
 
 def _facing(normals: np.ndarray) -> np.ndarray:

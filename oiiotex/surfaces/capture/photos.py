@@ -76,28 +76,44 @@ class ReducedPhotos:
 
 def piece_of(rows: Sequence[np.ndarray], lenses: Sequence[Lens]) -> Piece:
     """A piece from the rows of all photos, (height, width, channels) in the photos' types."""
-    color, valid, first = [], [], None
-    opaque = np.ones(rows[0].shape[:2], bool)
-    for pixels, lens in zip(rows, lenses, strict=True):
+    high, wide = rows[0].shape[:2]
+    color, valid = np.empty((len(rows), 3, high * wide), np.float32), np.ones((len(rows), high * wide), bool)
+    first, opaque = None, np.ones((high, wide), bool)
+    for planes, unclipped, pixels, lens in zip(color, valid, rows, lenses, strict=True):
         values, seen = lens.values(pixels)
         first = values if first is None else first
         opaque = opaque if seen is None else opaque & seen
-        color.append(np.moveaxis(linear(values, lens), -1, 0).reshape(3, -1))
-        valid.append(_unclipped(pixels[..., list(lens.channels.color)]).ravel())
+        planes[:] = linear(values, lens).reshape(3, -1)
+        if pixels.dtype.kind in "ui":
+            brightest = pixels[..., list(lens.channels.color)].max(-1)
+            unclipped[:] = (brightest < _CLIPPED * np.iinfo(pixels.dtype).max).ravel()
     assert first is not None
-    planes = np.stack(color)
-    return Piece(planes, _luminance(planes, lenses[0], 1), np.stack(valid), opaque, first)
+    return Piece(color, np.stack([_luminance(planes, lenses[0]) for planes in color]), valid, opaque, first)
 
 
 def linear(values: np.ndarray, lens: Lens) -> np.ndarray:
-    """XYZ relative to white of Lab, or data as they are: (height, width, 3) float32."""
+    """XYZ relative to white of Lab, or data as they are: (3, height, width) float32."""
+    planes = np.moveaxis(values[..., :3], -1, 0).copy()
     if lens.space is None:
-        return values[..., :3].copy()
-    lab = np.clip(values[..., :3], np.float32(-_BOUND), np.float32(_BOUND))
-    y = (lab[..., 0] + np.float32(16)) / np.float32(116)
-    roots = np.stack([y + lab[..., 1] / np.float32(500), y, y - lab[..., 2] / np.float32(200)], -1)
-    low = (roots - np.float32(4 / 29)) * np.float32(_SLOPE)
-    return np.where(roots > np.float32(_KNEE), roots * roots * roots, low)
+        return planes
+    lightness, green, blue = np.clip(planes, np.float32(-_BOUND), np.float32(_BOUND), out=planes)
+    y = _root(lightness)
+    return np.stack([_cubed(y + green / np.float32(500)), _cubed(y), _cubed(y - blue / np.float32(200))])
+
+
+def _root(lightness: np.ndarray) -> np.ndarray:
+    """The root of Y of Lab's L."""
+    return (lightness + np.float32(16)) / np.float32(116)
+
+
+def _cubed(roots: np.ndarray) -> np.ndarray:
+    """The inverse of Lab's root."""
+    cubes = roots * roots
+    cubes *= roots
+    dark = roots <= np.float32(_KNEE)
+    if dark.any():
+        cubes[dark] = (roots[dark] - np.float32(4 / 29)) * np.float32(_SLOPE)
+    return cubes
 
 
 def nonlinear(color: np.ndarray, lens: Lens) -> np.ndarray:
@@ -105,25 +121,26 @@ def nonlinear(color: np.ndarray, lens: Lens) -> np.ndarray:
     return color if lens.space is None else lab_of_xyz(color).astype(np.float32)
 
 
-def _luminance(color: np.ndarray, lens: Lens, axis: int) -> np.ndarray:
-    """Y of XYZ, or the mean of data, not below 0."""
+def luminance(values: np.ndarray, lens: Lens) -> np.ndarray:
+    """Y, or the mean of data, not below 0, of values as a lens gives them: (height, width) float32."""
     if lens.space is not None:
-        return np.maximum(np.take(color, 1, axis), 0)
-    total = sum(np.take(color, n, axis) for n in range(lens.count))
+        bounded = np.clip(values[..., 0], np.float32(-_BOUND), np.float32(_BOUND))
+        return np.maximum(_cubed(_root(bounded)), 0)
+    return _luminance(np.moveaxis(values[..., :3], -1, 0), lens)
+
+
+def _luminance(planes: np.ndarray, lens: Lens) -> np.ndarray:
+    """Y of XYZ (3, ...), or the mean of data, not below 0."""
+    if lens.space is not None:
+        return np.maximum(planes[1], 0)
+    total = sum(planes[n] for n in range(lens.count))
     return np.maximum(total / np.float32(lens.count), 0)
-
-
-def _unclipped(pixels: np.ndarray) -> np.ndarray:
-    """Where no channel has the largest value of an integer type, (height, width) bool."""
-    if pixels.dtype.kind not in "ui":
-        return np.ones(pixels.shape[:2], bool)
-    return np.asarray((pixels < _CLIPPED * np.iinfo(pixels.dtype).max).all(-1))
 
 
 def luminance_of(image: Image, lens: Lens, window: Window) -> np.ndarray:
     """Linear luminance of a window of one photo, (height, width) float32."""
     values, _ = lens.values(image.first.read(window))
-    return _luminance(linear(values, lens), lens, -1)
+    return luminance(values, lens)
 
 
 def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resources, progress: Progress) -> ReducedPhotos:
@@ -142,7 +159,7 @@ def reduced(photos: Sequence[Image], lenses: Sequence[Lens], resources: Resource
     for number, (photo, lens) in enumerate(zip(photos, lenses, strict=True)):
 
         def look(values: np.ndarray, opaque: np.ndarray | None, _: Window, lens: Lens = lens) -> np.ndarray:
-            light = _luminance(linear(values, lens), lens, -1).astype(np.float64)
+            light = luminance(values, lens).astype(np.float64)
             seen = np.ones(light.shape) if opaque is None else opaque.astype(np.float64)
             return np.stack([_block_sums(light * seen, side), _block_sums(seen, side)])
 
