@@ -12,7 +12,6 @@ import operator
 from dataclasses import dataclass
 
 from ...engine.deferred import np
-from .seam import coarse_cost
 from .strip import PhotoStrip
 
 COARSEST = 96  # px, longer side on the level where all jumps are compared
@@ -22,7 +21,6 @@ LEAST_ALONE = 0.6  # the same for the only jump of a tile: it shows more of the 
 MOST_RISE = 1 / 8  # of the jump: the tilt of a photo taken by hand
 _LOSS = 4  # a jump that shows nothing new would cost 1/4 more
 _TILT = 2  # one that needs the greatest rise, 1/2 more: leveled lines get steps
-_COMPARED, _APART = 4, 0.03  # jumps of which the best cuts are compared, and how far apart they are, of the length
 _REFINED = 1  # px by which a jump may change on a finer level
 _EDGES = 2  # weight of the differences of lightness between neighbors: joints count as much as colors
 _INVALID = 1 << 24  # cost of a pixel that is not usable
@@ -70,7 +68,8 @@ def _cheapest_jumps(strip: PhotoStrip, levels: list[_Level], length: int | None)
     """The jumps around a tile of that length; None: one jump, of the best length."""
     level, *others = levels
     if length is None:
-        jumps = [level.best_cut()]
+        jump = level.best(LEAST_ALONE)[0][0]
+        jumps = [jump]
     else:
         count = max(1, math.ceil(length / (MOST * strip.length)))
         jumps = level.summing(count, max(count, round(length * level.invalid.shape[0] / strip.length)))
@@ -140,22 +139,6 @@ class _Level:
             for (jump, rise), cost in zip(each, costs.tolist(), strict=True)
         ]
         return sorted(weighted, key=lambda one: one[2])
-
-    def best_cut(self) -> int:
-        """Of some jumps with cheap paths, the one with the least product of the costs of its path and of its cut.
-
-        A path knows whether both sides agree around the seam, and a cut whether it can go around objects.
-        """
-        length = self.invalid.shape[0]
-        some: list[tuple[int, int]] = []
-        for jump, _, cost in self.best(LEAST_ALONE):
-            if all(abs(jump - other) > _APART * length for other, _ in some):
-                some.append((jump, cost))
-        colors, costs = self.colors[..., :3], []
-        for jump, cost in some[:_COMPARED]:
-            cut = coarse_cost(colors[jump:], colors[: length - jump], self.closed)
-            costs.append(cut * cost * (_LOSS * length + length - jump))
-        return some[costs.index(min(costs))][0]
 
     def refined(self, jump: int, rise: int, tilted: bool = True) -> tuple[int, int]:
         """The cheapest jump and rise near given ones."""

@@ -46,14 +46,8 @@ def starts(strip: PhotoStrip, joint: Joint) -> np.ndarray:
     """The pixels of the overlap that show the start: (rows, width) bool."""
     guess = None
     for level in _coarse_levels(strip, joint):
-        guess = level.cut(*_decided(guess, level.lean.shape, strip.closed))[0]
+        guess = level.cut(*_decided(guess, level.lean.shape, strip.closed))
     return _fine_cut(strip, joint, *_decided(guess, (joint.rows, strip.width), strip.closed))
-
-
-def coarse_cost(end: np.ndarray, start: np.ndarray, closed: bool) -> int:
-    """Cost of the best cut between both sides of an overlap on a coarse level, each (rows, width, 3) int32."""
-    level = _CoarseOverlap(end, start, np.zeros(end.shape[:2], np.int64), closed)
-    return level.cut(*_decided(None, level.lean.shape, closed))[1]
 
 
 @dataclass(frozen=True)
@@ -73,7 +67,7 @@ class _CoarseOverlap:
         """Means of 2 x 2 pixels."""
         return _CoarseOverlap(_halved(self.end), _halved(self.start), _halved(self.lean), self.closed)
 
-    def cut(self, free: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, int]:
+    def cut(self, free: np.ndarray, guess: np.ndarray) -> np.ndarray:
         """As `_cut`, without the lines around."""
         ends, starts = (np.pad(one, ((1, 1), (0, 0), (0, 0)), mode="edge").reshape(-1, 3).astype(np.int32)
                         for one in (self.end, self.start))  # fmt: skip
@@ -146,7 +140,7 @@ def _fine_cut(strip: PhotoStrip, joint: Joint, free: np.ndarray, guess: np.ndarr
     def between(s: np.ndarray, t: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         return photo.costs(end[:, s], start[:, t], step), photo.costs(start[:, s], end[:, t], step)
 
-    return _cut(free, guess, lean, strip.closed, between)[0]
+    return _cut(free, guess, lean, strip.closed, between)
 
 
 def _lean(strip: PhotoStrip, start: tuple[np.ndarray, ...], end: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -163,8 +157,8 @@ def _cut(
     lean: np.ndarray,
     closed: bool,
     between: Callable[[np.ndarray, np.ndarray, tuple[int, int]], tuple[np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, int]:
-    """The pixels that show the start, (rows, width) bool, and the cost of the seam.
+) -> np.ndarray:
+    """The pixels that show the start, (rows, width) bool.
 
     Those that are not `free` are as in `guess`. The row above shows the end, and the one below the start. `between`:
     costs of edges from flat indices to others, including these rows, if only the second, or only the first pixel
@@ -178,12 +172,7 @@ def _cut(
         kept = flat[s] | flat[t]
         s, t = s[kept], t[kept]
         costs.append(GridEdges(s, t, *between(s, t, step)))
-    shown = chosen(free, taken, lean.ravel(), costs)
-    own, cost = shown.ravel(), 0
-    for one in costs:
-        first, second = own[one.s], own[one.t]
-        cost += int(one.begins[second & ~first].sum()) + int(one.ends[first & ~second].sum())
-    return shown[1:-1], cost
+    return chosen(free, taken, lean.ravel(), costs)[1:-1]
 
 
 def _edges(shape: tuple[int, int], step: tuple[int, int], closed: bool) -> tuple[np.ndarray, np.ndarray]:
