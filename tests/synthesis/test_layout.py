@@ -91,6 +91,23 @@ def test_a_cut_costs_at_most_every_straight_seam():
     assert cost(found) <= min(straight)
 
 
+def test_a_seam_goes_around_objects_that_a_line_cannot_pass():
+    """Both sides agree but for bars, between which only a seam can pass that turns back."""
+    height, width, jump = 96, 240, 110
+    lab = (60 * pictures.pebbles(jump + height, width, 2)).astype(np.float32)
+    lab[jump:] = lab[:height]
+    bars = np.zeros((height, width), bool)
+    bars[:70, 80:100], bars[30:, 116:136] = True, True
+    lab[jump:][bars] += 20
+    found = starts(whole(lab), Joint(jump, 0, height))
+    shown = np.pad(found, ((1, 1), (0, 0)), constant_values=((False, True), (0, 0)))
+    seen = np.pad(bars, ((1, 1), (0, 0)))
+    for axis in (0, 1):
+        seam = np.diff(shown.astype(int), axis=axis) != 0
+        first, second = (np.delete(seen, end, axis) for end in (-1, 0))
+        assert seam.any() and not (seam & (first | second)).any()
+
+
 def test_every_pixel_is_a_copy_of_the_one_that_st_names():
     photo = buffer(8 * pictures.stained(pictures.pebbles(96, 112, 3)) - 0.1, space="lin_rec709_scene")
     made = filters.stationarize(photo, preset="layout", flattening=0, st=True)

@@ -63,10 +63,18 @@ class SeamPhoto:
         return seam_cost(*(self.at(*p).astype(np.int32) for p in (a, a + step, b - step, b)))
 
 
-def seam_cost(a_s: np.ndarray, a_t: np.ndarray, b_s: np.ndarray, b_t: np.ndarray) -> np.ndarray:
-    """KSE03 eq. 2 for colors of A and B at both pixels of edges, (n, 3) int32 each: (n,) int64."""
+def seam_cost(
+    a_s: np.ndarray, a_t: np.ndarray, b_s: np.ndarray, b_t: np.ndarray, *, gradients: float = 0.0, floor: float = _FLOOR
+) -> np.ndarray:
+    """KSE03 eq. 2 for colors of A and B at both pixels of edges, (n, 3) int32 each: (n,) int64.
+
+    `gradients`: weight of the difference of gradients, which is added to those of colors (Agarwala et al. 2004,
+    "colors & gradients"); `floor`: grid steps that are added to gradients.
+    """
     difference = lengths(a_s - b_s) + lengths(a_t - b_t)
-    gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + _FLOOR
+    if gradients:
+        difference += gradients * lengths((a_s - a_t) - (b_s - b_t))
+    gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + floor
     # a seam between equal colors is not free: the shorter one of two equal seams is better
     return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
 
