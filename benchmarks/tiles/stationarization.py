@@ -48,6 +48,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
+from oiiotex.synthesis.exemplar.flattened import flat_photo
 from oiiotex.synthesis.patchmatch import optimization as module
 from oiiotex.synthesis.patchmatch.matcher import match_patches
 from oiiotex.synthesis.patchmatch.recipe import PAPER_PATCH, Recipe
@@ -97,8 +98,9 @@ class Photo:
     @cached_property
     def flat(self) -> np.ndarray:
         """Lab of the photo as the default flattens it."""
-        op, _ = Stationarize(exemplar=self.image).flattened(self.session.resources, self.session.progress)
-        return working_values(op.exemplar, self.session.resources)[0]
+        resources, progress = self.session.resources, self.session.progress
+        flat, _, _ = flat_photo(Stationarize(exemplar=self.image), self.image, 1.0, resources, progress, None)
+        return working_values(flat, resources)[0]
 
     def texture(self, source: SourceMap, tile: np.ndarray, exemplar: np.ndarray) -> float:
         """Eq. 5, from the patches that the pixels were copied from, improved by eight passes."""

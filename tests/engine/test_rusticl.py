@@ -20,12 +20,14 @@ from tests.engine.test_same_bits import ROOT, bits
 
 LIBRARY = os.environ.get("OIIOTEX_RUSTICL") or next(map(str, Path("/usr/lib").glob("*/libRusticlOpenCL.so.1")), "")
 SECONDS = 900  # in which the tests end on any machine
-# those that compare a kernel with an oracle; what the program does with kernels is the same on all devices
+# Those that compare a kernel with an oracle. What the program does with kernels is the same on all devices; patches of
+# 21 px exceed the 65,535 iterations.
 FILES = [
     str(next(ROOT.glob(f"tests/*/test_{name}.py")).relative_to(ROOT))
     for name in ("candidates", "histograms", "label_kernels", "moments", "patchmatch", "quilting", "squares",
-                 "steerable", "superpixels", "use_prices")
+                 "steerable", "superpixels")
 ]  # fmt: skip
+FILES.append("tests/synthesis/test_use_prices.py::test_what_is_used_too_much_is_dear")
 # the answer that its probe does not give
 WORKS = """
 from oiiotex.engine.opencl import device_choice, runtime

@@ -8,9 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import __main__ as front
+from benchmarks.tiles.stationarization import DEFAULT, FLAT_TEXTURE, TEXTURE, Photo
+from oiiotex.engine.session import Session
+from tests import pictures
+from tests.conftest import save
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
@@ -100,3 +105,12 @@ def test_every_script_can_be_imported():
     assert len(names) > 30
     done = subprocess.run([sys.executable, "-c", code, *names], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_default_tile_is_measured_against_the_photo_and_the_flattened_photo(tmp_path):
+    """The tile is made of the flattened photo, so it is nearer to that."""
+    lit = pictures.moss(64, 64, 1) * np.linspace(0.4, 1, 64, dtype=np.float32)[:, None]
+    photo = Photo(save(lit, tmp_path / "lit.png"), 64, Session())
+    found = photo.costs(DEFAULT, 0, ["histogram"])
+    assert set(found) == {"histogram", TEXTURE, FLAT_TEXTURE}
+    assert 0 < found[FLAT_TEXTURE] < found[TEXTURE]
