@@ -199,6 +199,32 @@ def test_nonsense_ends_its_connection_alone(client, folder):
     assert client.hello()["pid"]
 
 
+class Broken:
+    """A link to a process that has just been killed: its end has not been heard."""
+
+    def __init__(self):
+        self.heard = threading.Event()
+
+    def send(self, facts, arrays=()):
+        raise LinkError("the resident process has ended: Broken pipe")
+
+    def receive(self):
+        self.heard.wait(60)
+        raise LinkError("the resident process has ended")
+
+
+def test_a_request_to_one_that_was_just_killed_fails_as_a_pending_one():
+    link = Broken()
+    client = Client(link)
+    for _ in range(2):  # the second does not try
+        request = client.make("stationarize", [1])
+        with pytest.raises(LinkError, match="has ended"):
+            request.result(10)
+        assert client.ended
+    client.drop(1)
+    link.heard.set()
+
+
 def test_one_that_is_killed_is_replaced(folder):
     settings = ResidentSettings(budget=1 << 30, idle=20.5)
     clients: list[Client] = []

@@ -147,27 +147,31 @@ class Client:
 
     def tell(self, facts: dict[str, Any]) -> None:
         """Send a request and ignore the answer."""
-        try:
-            self._ask(facts)
-        except LinkError:
-            pass
+        self._ask(facts)
 
     def _ask(
         self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = (), on_look: OnLook | None = None,
         on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
+        """The request. If the process has ended before, its result is a LinkError, as if it ended afterwards."""
         number = next(self._numbers)
         request = Request(self, number, on_look, on_progress)
         with self._lock:
-            if self._ended:
-                raise LinkError("the resident process has ended")
-            self._open[number] = request
+            ended = self._ended
+            if not ended:
+                self._open[number] = request
         try:
+            if ended:
+                raise LinkError("the resident process has ended")
             self._link.send(facts | {"id": number}, arrays)
-        except Error:
+        except Error as error:
             with self._lock:
-                self._open.pop(number, None)
-            raise
+                is_open = self._open.pop(number, None) is not None  # else `_listen` has set its result
+                self._ended |= isinstance(error, LinkError)  # maybe before `_listen` hears of it
+            if not isinstance(error, LinkError):
+                raise
+            if is_open or ended:
+                request.set_exception(error)
         return request
 
     def _listen(self) -> None:
