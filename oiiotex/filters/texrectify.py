@@ -32,7 +32,6 @@ log = logging.getLogger("oiiotex")
 _FILTER, _FILTER_WIDTH = "lanczos3", 6  # px
 _INCH = 0.0254  # m
 _CELL = 512  # px; side of a piece that is computed at once
-_LATTICE_BYTES = 120  # for each pixel of the photo, while its lattice is searched
 _LARGEST = 65536  # px; limit of a size derived from corners
 
 
@@ -109,8 +108,10 @@ class Rectify(Gather):
             raise ImageError(f"{self.source.source} contains ids or source coordinates, which cannot be resampled")
         if self.corners is None:
             self._meters(None)
+            from ..surfaces.capture.front_rectangle import search_bytes  # only without corners
+
             spec, task = self.source.first.spec, "finding the perspective of the photo"
-            facts.require(_LATTICE_BYTES * spec.width * spec.height, task, "set corners")
+            facts.require(search_bytes(spec.width, spec.height), task, "set corners")
             color_to_convert(self.source, facts, Space.LAB)
             return Plan()
         if len(self.corners) != 8:
@@ -151,10 +152,11 @@ class Rectify(Gather):
 
     def _found(self, session: Session) -> FrontRectangle:
         """The rectangle that the photo's lattice or texture shows."""
-        from ..surfaces.capture.front_rectangle import front_rectangle  # only without corners
+        from ..surfaces.capture.front_rectangle import SIDE, front_rectangle  # only without corners
 
         spec = self.source.first.spec
-        values, opaque = working_values(self.source, session.resources)
+        is_small = spec.width * spec.height <= SIDE * SIDE
+        values, opaque = working_values(self.source, session.resources, in_memory=is_small)
         with session.resources.stats.time("lattice"):
             found = front_rectangle(values, opaque)
         if found is None:
@@ -166,8 +168,7 @@ class Rectify(Gather):
         if found.cells is None and self.meters is not None:
             expected = "corners as well, because the photo has no lattice"
             raise ParameterError(parameter="meters", value=self.meters, expected=expected)
-        shifted = found.corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
-        return replace(found, corners=np.round(shifted, 2) + 0.0)  # as logged for other maps
+        return replace(found, corners=found.in_display(spec))  # as logged for other maps
 
     def _meters(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""

@@ -14,7 +14,6 @@ from ..engine.color.lab import color_to_convert, working_values
 from ..engine.core.image import Image, Part
 from ..engine.core.op import Output, Plan
 from ..engine.core.parameters import Numbers, image, param
-from ..engine.deferred import np
 from ..engine.errors import ParameterError, spelled, texture_filter, whole_budget
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -211,26 +210,23 @@ True
 
     def _say_if_oblique(self, tile: Part, plan: SynthesisPlan, resources: Resources) -> None:
         """Name --texrectify if it can straighten the photo; as a warning if the tile is poor."""
-        from ..surfaces.capture.front_rectangle import front_rectangle  # rarely needed
-        from ..surfaces.capture.textured_plane import SEARCH_BYTES, textured_plane
+        from ..surfaces.capture.front_rectangle import front_rectangle, search_bytes  # rarely needed
 
         fidelity = float(tile.spec.get_string_attribute("oiiotex:fidelity", "1"))
         level = logging.WARNING if fidelity < FAIR else logging.INFO
-        if not log.isEnabledFor(level) or resources.budget < SEARCH_BYTES:
+        spec = self.exemplar.first.spec
+        if not log.isEnabledFor(level) or resources.budget < search_bytes(spec.width, spec.height):
             return
         with resources.stats.time("perspective"):
             photo = working_values(self.exemplar, resources, self.working_space, plan.in_memory)
-            plane = textured_plane(*photo)
-            found = None if plane is None else front_rectangle(*photo)
-        if plane is None or found is None:
+            found = front_rectangle(*photo, oblique=True)
+        if found is None or found.plane is None:
             return
-        spec = self.exemplar.first.spec
-        corners = np.round(found.corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y]), 1) + 0.0
         size = "" if found.size is None else f":size={found.size[0]}x{found.size[1]}"
-        line = f"{spelled(texture_filter('rectify'))}:corners={Numbers(corners.ravel())}{size}"
+        line = f"{spelled(texture_filter('rectify'))}:corners={Numbers(found.in_display(spec).ravel())}{size}"
         text = "%s: the photo is oblique: the nearest elements are %.1f times as large as the farthest, which explains"
         text += " %.0f %% of how the texture varies; straighten it first: %s"
-        log.log(level, text, self.flag(), plane.ratio, 100 * plane.explained, line)
+        log.log(level, text, self.flag(), found.plane.ratio, 100 * found.plane.explained, line)
 
     def _strength(self, facts: Facts) -> float:
         """Share of the low-frequency variation to remove."""

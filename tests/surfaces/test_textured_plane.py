@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
+from oiiotex.engine.core.demand import MadeRows, resized
 from oiiotex.engine.core.image import from_buffer, from_pixels
 from oiiotex.engine.errors import ParameterError
 from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.surfaces.capture import front_rectangle as found
-from oiiotex.surfaces.capture.front_rectangle import FrontRectangle
+from oiiotex.surfaces.capture.front_rectangle import SIDE, FrontRectangle, front_rectangle
 from oiiotex.surfaces.capture.homography import through
 from oiiotex.surfaces.capture.plane_rectangle import plane_rectangle
 from oiiotex.surfaces.capture.textured_plane import textured_plane
@@ -92,6 +94,28 @@ def test_the_rectangle_lies_along_the_joints_and_inside_the_photo(turn, nod):
     assert width * height == pytest.approx(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2, rel=0.1)
 
 
+@pytest.mark.parametrize("picture", [wall, ashlar])
+def test_large_photos_are_read_by_rows(picture):
+    """As they are when they exceed the memory budget: the rectangle is that of the reduced photo."""
+    photo = 100 * shot(picture(), 0.0, -0.7)[0]
+    height, width = (round(1.5 * SIDE / max(SHOT) * n) for n in photo.shape[:2])
+    large, most = resized(photo, width, height), 0
+
+    def read(first: int, last: int) -> np.ndarray:
+        nonlocal most
+        most = max(most, last - first)
+        return large[first:last]
+
+    opaque = np.ones((height, width), bool)
+    seen = front_rectangle(MadeRows(large.shape, np.dtype(np.float32), read), opaque, oblique=True)
+    small = front_rectangle(resized(photo, SIDE, round(SIDE * height / width)), oblique=True)
+    assert 0 < most < height and (seen.cells is None) is (picture is ashlar)
+    np.testing.assert_allclose(seen.corners, 1.5 * small.corners, atol=2)
+    assert seen.cells == small.cells and seen.plane.explained == pytest.approx(small.plane.explained, abs=0.02)
+    if small.size is not None:
+        np.testing.assert_allclose(seen.size, 1.5 * np.array(small.size), rtol=0.01)
+
+
 def test_without_a_lattice_the_found_corners_can_be_said_for_the_next_map(tmp_path):
     save(shot(ashlar(), -0.4, -0.6)[0], tmp_path / "photo.exr", "half", "lin_rec709_scene")
     done = oiiotex("photo.exr", "--texrectify", "-o", "front.exr", cwd=tmp_path)
@@ -128,11 +152,16 @@ def said(photo: np.ndarray, fidelity: float, caplog: pytest.LogCaptureFixture, m
 
 
 def test_it_is_said_of_oblique_photos_with_the_line_that_straightens_them(caplog, monkeypatch):
-    corners = np.array([[1, 2], [30, 2], [31.25, 40], [0, 41]])
-    monkeypatch.setattr(found, "front_rectangle", lambda *_: FrontRectangle(corners, size=(30, 39)))
+    corners, search = np.array([[1, 2], [30, 2], [31.25, 40], [0, 41]]), front_rectangle
+
+    def placed(*photo: np.ndarray, oblique: bool) -> FrontRectangle | None:
+        real = search(*photo, oblique=oblique)
+        return real and replace(real, corners=corners, size=(30, 39))
+
+    monkeypatch.setattr(found, "front_rectangle", placed)
     oblique, front = (shot(ashlar(), 0.0, nod)[0] for nod in (-0.7, 0.0))
     for fidelity, level in ((FAIR - 0.1, logging.WARNING), (FAIR + 0.05, logging.INFO), (GOOD + 0.05, logging.INFO)):
         ((told, text),) = said(oblique, fidelity, caplog, monkeypatch)
         assert told == level
-        assert text.endswith("straighten it first: --texrectify:corners=1,2,30,2,31.2,40,0,41:size=30x39")
+        assert text.endswith("straighten it first: --texrectify:corners=1,2,30,2,31.25,40,0,41:size=30x39")
     assert said(front, FAIR - 0.1, caplog, monkeypatch) == []

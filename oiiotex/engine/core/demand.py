@@ -203,6 +203,13 @@ def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None
     return small
 
 
+def at_most(side: int, *images: SomeRows) -> tuple[np.ndarray, ...]:
+    """Images of one size, (h, w, c) float32 each, reduced to a longer side of at most `side` px."""
+    height, width = images[0].shape[:2]
+    factor = min(1.0, side / max(width, height))
+    return tuple(resized(one, max(1, round(factor * width)), max(1, round(factor * height))) for one in images)
+
+
 def _triangle(size: int, target: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions that each of `target` pixels is the mean of, and their shares: (n, target) int64 and float32."""
     ratio = size / target

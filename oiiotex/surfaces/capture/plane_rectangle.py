@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ...engine.core.demand import SomeRows, resized
+from ...engine.core.demand import at_most
 from ...engine.deferred import np
 from .homography import USUAL_LENS
 
@@ -22,11 +22,12 @@ _PEAK = 17  # degrees; within them, a direction of joints is the most frequent
 _STRETCH = 6.0  # at most: 1 / cosine of the slant
 _LEAST = 0.5  # of the largest scale in the rectangle: the smallest
 _SHOWN = 0.6  # of the area that a rectangle along the photo's sides shows: least of one along joints
+_OPAQUE = 0.99  # least alpha of a valid pixel
 _GRID = 40  # positions along each side
 
 
 def plane_rectangle(
-    values: SomeRows, vanishing: np.ndarray, opaque: np.ndarray | None = None
+    values: np.ndarray, vanishing: np.ndarray, opaque: np.ndarray | None = None
 ) -> tuple[np.ndarray, tuple[int, int]]:
     """The rectangle that shows most of a photo at scales that differ by at most 2.
 
@@ -89,7 +90,7 @@ def _largest(plane: np.ndarray, vanishing: np.ndarray, size: np.ndarray) -> tupl
     return corners, (max(1, round(math.sqrt(best * aspect))), max(1, round(math.sqrt(best / aspect))))
 
 
-def _front(values: SomeRows, vanishing: np.ndarray, opaque: np.ndarray | None) -> tuple[np.ndarray, float]:
+def _front(values: np.ndarray, vanishing: np.ndarray, opaque: np.ndarray | None) -> tuple[np.ndarray, float]:
     """Matrix (2, 2) from x / (1 + l x) to the plane seen from the front, and the angle of joints there, radians."""
     from scipy.ndimage import maximum_filter1d  # scipy is not loaded before it is needed
 
@@ -118,23 +119,19 @@ def _stretched(along: np.ndarray, stretch: float) -> np.ndarray:
     return np.eye(2) + (stretch - 1) * np.outer(along, along)
 
 
-def _directions(values: SomeRows, vanishing: np.ndarray, front: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
+def _directions(values: np.ndarray, vanishing: np.ndarray, front: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
     """Density of the directions of edges in x / (1 + l x) times a matrix, by degrees, (180,), times its mean."""
     from scipy.ndimage import gaussian_filter  # scipy is not loaded before it is needed
 
-    height, width = values.shape[:2]
-    factor = min(1.0, _SIDE / max(height, width))
-    size = max(1, round(factor * width)), max(1, round(factor * height))
-    light = gaussian_filter(resized(values[..., :3], *size)[..., 0].astype(np.float64), 1.0)
-    rise, run = np.gradient(light)
-    strength = np.hypot(rise, run)
-    if opaque is not None:
-        usable = resized(opaque[..., None].astype(np.float32), *size)[..., 0] > 0.99
-        strength[~usable] = 0
+    opaque = np.ones(values.shape[:2], bool) if opaque is None else opaque
+    lightness, usable = at_most(_SIDE, values[..., :1], opaque[..., None].astype(np.float32))
+    rise, run = np.gradient(gaussian_filter(lightness[..., 0].astype(np.float64), 1.0))
+    strength = np.hypot(rise, run) * (usable[..., 0] > _OPAQUE)
     joints = strength > np.quantile(strength, _STRONGEST)
     y, x = np.nonzero(joints)
-    points = np.stack([x + 0.5 - size[0] / 2, y + 0.5 - size[1] / 2], 1)
-    slope = vanishing / factor
+    size = np.array(strength.shape[::-1])
+    points = np.stack([x, y], 1) + 0.5 - size / 2
+    slope = vanishing * values.shape[1::-1] / size
     edges = np.stack([-rise[joints], run[joints]], 1)
     seen = (edges * (1 + points @ slope)[:, None] - points * (edges @ slope)[:, None]) @ front
     turns = np.rint(np.degrees(np.arctan2(seen[:, 1], seen[:, 0]))).astype(int) % 180

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 
 from ...analysis.regularity.autocorrelation import autocorrelation, high_passed
 from ...analysis.regularity.lattice import find_lattice
-from ...engine.core.demand import SomeRows, resized
+from ...engine.core.demand import at_most
 from ...engine.deferred import np
 from .homography import USUAL_LENS
 
 _OPAQUE = 0.99  # least alpha of a valid pixel
-_LARGEST_SIDE = 1024  # px; longer side of the photo in the search for lattices
 _SIDE = 192  # px; longer side of the photo in the search for l
 _STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is at least 0.2
 _FINEST = 0.2 / 16
@@ -62,7 +61,7 @@ class SlantedLattice:
         return plane / (1 - plane @ self.vanishing)[:, None] + self.middle
 
 
-def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> SlantedLattice | None:
+def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> SlantedLattice | None:
     """The lattice of a photo in perspective; None if there is none, or only along one direction.
 
     Parameters
@@ -75,18 +74,13 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
     size = np.array(values.shape[1::-1])
     if size.min() < _SMALLEST:
         return None
-    usable = np.ones((*values.shape[:2], 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
-    values = values[..., :3] if opaque is None else values[..., :3] * usable
-    values, usable = _at_most(_LARGEST_SIDE, values, usable)
-    looked = np.array(usable.shape[1::-1])
-    if looked.min() <= _SAME:  # a narrow strip has no pixels left across
-        return None
-    usable = usable[..., 0]
-    vanishing = _most_alike(values, usable) / looked
+    usable = np.ones(values.shape[:2], np.float32) if opaque is None else opaque.astype(np.float32)
+    values = values[..., :3] * usable[..., None]
+    vanishing = _most_alike(values, usable) / size
     for _ in range(_FITS):
         rest, of_parts = _still_slanted(*_from_the_front(values, usable, vanishing))
         vanishing = vanishing + rest
-        if np.abs(rest * looked).max() < _STEP / 4:
+        if np.abs(rest * size).max() < _STEP / 4:
             break
     lattice = find_lattice(*_from_the_front(values, usable, vanishing), of_part=True)
     if lattice is None or lattice.rank != 2:
@@ -97,15 +91,8 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
         whole = np.rint(combination)
         if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
             frequencies = whole @ frequencies
-    cell = _upright(np.linalg.inv(frequencies).T, vanishing * looked.max() * USUAL_LENS)
-    return None if cell is None else SlantedLattice(vanishing * looked / size, size / 2, cell * size / looked)
-
-
-def _at_most(side: int, *images: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Images of one size, reduced to a longer side of at most `side` px."""
-    height, width = images[0].shape[:2]
-    factor = min(1.0, side / max(width, height))
-    return tuple(resized(one, max(1, round(factor * width)), max(1, round(factor * height))) for one in images)
+    cell = _upright(np.linalg.inv(frequencies).T, vanishing * size.max() * USUAL_LENS)
+    return None if cell is None else SlantedLattice(vanishing, size / 2, cell)
 
 
 def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +139,7 @@ class _Perspective:
         height, width = usable.shape
         top, left = (round(n * (1 - share) / 2) for n in (height, width))
         middle = np.s_[top : height - top, left : width - left]
-        small, counted = _at_most(_SIDE, values[middle], usable[middle][..., None].astype(np.float32))
+        small, counted = at_most(_SIDE, values[middle], usable[middle][..., None].astype(np.float32))
         self.share, self._usable = share, counted[..., 0]
         # the principal component of Lab suffices here
         texture = high_passed(small.astype(np.float64), self._usable > _OPAQUE)
@@ -312,7 +299,7 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
     return lattice.points_at(sides), (round(right - left), round(bottom - top))
 
 
-def is_sheared(values: SomeRows, lattice: SlantedLattice, corners: np.ndarray, cells: tuple[int, int]) -> bool:
+def is_sheared(values: np.ndarray, lattice: SlantedLattice, corners: np.ndarray, cells: tuple[int, int]) -> bool:
     """Whether joints of the rectified photo cross the sides of the lattice's cells obliquely.
 
     In a bond that shifts each course by a third, the cell is oblique; as a rectangle, it shears the stones. Irregular

@@ -17,10 +17,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...engine.core.demand import SomeRows, resized
+from ...engine.core.demand import at_most
 from ...engine.deferred import np
 
-SEARCH_BYTES = 64 << 20  # at most
 _SIDE = 512  # px; longer side of the photo in the search
 _WINDOW, _STEP = 96, 40  # px; side of a place, and the distance of neighbors
 _SMALLEST = 48  # px; least side of a place
@@ -49,7 +48,7 @@ class TexturedPlane:
     ratio: float  # largest over smallest scale in the photo
 
 
-def textured_plane(values: SomeRows, opaque: np.ndarray | None = None) -> TexturedPlane | None:
+def textured_plane(values: np.ndarray, opaque: np.ndarray | None = None) -> TexturedPlane | None:
     """The perspective that makes a photo's texture the same everywhere; None if none does, or hardly any is needed.
 
     Parameters
@@ -62,12 +61,9 @@ def textured_plane(values: SomeRows, opaque: np.ndarray | None = None) -> Textur
     height, width = values.shape[:2]
     if min(height, width) < 2 * _SMALLEST:
         return None
-    factor = min(1.0, _SIDE / max(height, width))
-    size = max(1, round(factor * width)), max(1, round(factor * height))
-    usable = np.ones(size[::-1], np.float32)
-    if opaque is not None:
-        usable = resized(opaque[..., None].astype(np.float32), *size)[..., 0]
-    spectra = _spectra(resized(values[..., :3], *size), usable)
+    opaque = np.ones((height, width), bool) if opaque is None else opaque
+    lab, usable = at_most(_SIDE, values[..., :3], opaque[..., None].astype(np.float32))
+    spectra, size = _spectra(lab, usable[..., 0]), lab.shape[1::-1]
     if spectra is None:
         return None
     at = _whole_spectrum(spectra, size)

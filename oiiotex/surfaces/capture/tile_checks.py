@@ -11,7 +11,7 @@ from typing import Any
 from ...analysis.regularity.autocorrelation import high_passed
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import MadeRows, SomeRows, resized, rows_of
+from ...engine.core.demand import MadeRows, SomeRows, at_most, rows_of
 from ...engine.core.image import Image, channels_of
 from ...engine.core.op import Space
 from ...engine.deferred import np
@@ -88,9 +88,7 @@ def _moved(image: Image, first: Image, axes: str, measures: dict[str, Any]) -> I
 
 def _reduced(values: SomeRows, side: int) -> np.ndarray:
     """An image whose longer side is at most `side`, (h, w, c) float64."""
-    factor = min(1.0, side / max(values.shape[:2]))
-    width, height = (max(1, round(n * factor)) for n in values.shape[1::-1])
-    return resized(values, width, height).astype(np.float64)
+    return at_most(side, values)[0].astype(np.float64)
 
 
 def _values(image: Image, kind: str, resources: Resources) -> SomeRows:
