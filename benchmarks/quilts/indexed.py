@@ -92,9 +92,9 @@ def main() -> None:
         plain = written(given.side, "tile.exr", Path(text))
         bytes_of[plain.name] = plain.stat().st_size
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        line = ["time", "-f", "%M", sys.executable, str(PROGRAM), str(path), str(Path(text) / "textures")]
-        said = subprocess.run(line, check=True, capture_output=True, text=True).stderr.strip()
-        peak = 1024 * int(said[len(said.rstrip("0123456789")) :])  # after what libraries say at exit
+        line = [sys.executable, str(PROGRAM), str(path), str(Path(text) / "textures")]
+        subprocess.run(["time", "-o", "peak", "-f", "%M", *line], cwd=text, check=True)
+        peak = 1024 * int((Path(text) / "peak").read_text())
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         made, tile, own = module.textures(path), read(path).first, int(module.OWN)

@@ -12,8 +12,7 @@ by that box at every pixel, not only at every 2^L-th: offsets are not multiples 
 seams, are stored one after another in the layers that follow. From the level on that has fewer texels inside pieces
 than the photo has pixels, all texels are stored, since a further layer would be larger. Nothing is approximated.
 
-Rows are processed in bands. Temporary files hold the levels, 3 GB for a tile of 16384 x 16384 px with three channels,
-so that memory does not grow with the tile.
+Rows are processed in bands. Temporary files hold the levels, so that memory does not grow with the tile.
 """
 
 from __future__ import annotations

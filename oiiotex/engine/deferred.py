@@ -7,6 +7,7 @@ second. So modules import the libraries from here, and do not use them at import
 
 from __future__ import annotations
 
+import atexit
 import importlib
 from dataclasses import dataclass
 from types import ModuleType
@@ -29,6 +30,13 @@ else:
             return value
 
     np, oiio, ocio = map(_Deferred, ("numpy", "OpenImageIO", "PyOpenColorIO"))
+
+    @atexit.register
+    def _release() -> None:
+        """Drop references to the libraries: OpenImageIO prints what is still held when Python ends."""
+        for library in (np, oiio, ocio):
+            for name in [name for name in vars(library) if not name.startswith("__")]:
+                delattr(library, name)
 
 
 @dataclass(frozen=True)

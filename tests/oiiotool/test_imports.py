@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from oiiotex import filters
+from tests import pictures
+from tests.conftest import save
 
 RUN = """
 import sys
@@ -142,3 +144,12 @@ def test_a_tile_takes_no_more_than_its_measure_needs(photo, tmp_path, measure):
     allowed = LINE | FILTER | named("stationarize")
     assert {room for room in rooms(modules) if not room.startswith(TECHNIQUES)} <= allowed - {"oiiotool.host"}
     assert ("oiiotex.synthesis.projections.pearson_table" in modules) == measure.startswith("moments")
+
+
+def test_a_script_ends_without_a_word_from_libraries(tmp_path):
+    """OpenImageIO prints forty lines about objects that are held when Python ends."""
+    photo = tmp_path / "photo.png"
+    save(pictures.moss(16, 16, 1), photo)
+    code = f"from oiiotex import filters; filters.flatten({str(photo)!r}, radius=4).get_pixels()"
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
