@@ -64,12 +64,24 @@ def test_seen_from_the_front_there_is_none(picture):
     assert textured_plane(100 * shot(picture(), 0.0, 0.0)[0]) is None
 
 
+def test_seen_a_little_obliquely_there_is_hardly_any():
+    """It is found, with a ratio of scales of 1.1, and is not worth straightening."""
+    assert textured_plane(100 * shot(wall(), 0.0, -0.15)[0]) is None
+
+
 def test_sizes_that_change_otherwise_prove_nothing():
-    """Blobs that become larger to one side, as drops and waves do."""
+    """Blobs that become larger to one side, as drops and waves do, or from place to place, as cracks do."""
     fine, coarse = (pictures.smooth_noise(240, 320, cells, 1) for cells in (40, 12))
     down, right = np.linspace(0, 1, 240)[:, None], np.linspace(0, 1, 320)[None]
-    for share in (down, 1 - down, right):
+    places = (np.random.default_rng(seed).random((3, 4)) for seed in (2, 5))  # a plane explains some of them
+    for share in (down, 1 - down, right, *(np.kron(one, np.ones((80, 80))) for one in places)):
         assert textured_plane(np.float32(100) * ((1 - share) * fine + share * coarse)[..., None].repeat(3, 2)) is None
+
+
+def test_stones_of_two_sizes_prove_nothing():
+    small, share = ashlar(), np.kron(np.random.default_rng(4).random((3, 4)) < 0.5, np.ones((80, 80)))[..., None]
+    large = resized(small[:240, :240], 480, 480)
+    assert textured_plane(np.float32(100) * np.where(share > 0, large[:240, :320], small[:240, :320])) is None
 
 
 def test_too_few_valid_pixels_show_nothing():
