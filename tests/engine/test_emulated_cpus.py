@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """CPUs that nobody here has: a tile on each, emulated by qemu-user, is equal to the bit to this machine's own.
 
-What the program starts is emulated too: `sys.executable` is a script that starts the emulator.
+What the program starts is emulated too: `sys.executable` is a script that starts the emulator. qemu up to version 8
+may end with a segmentation fault of its own where a program has signals and threads (bugs.launchpad.net/qemu/+bug/
+1907969): there is one thread of kernels, and a run that ended so is made once more.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import json
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -70,16 +73,20 @@ def test_a_tile_of_an_emulated_cpu_is_the_same(tmp_path, capsys, native, name):
     python.chmod(0o755)
     (tmp_path / "pocl").mkdir()
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "POCL_CACHE_DIR": str(tmp_path / "pocl")}
+    environment |= dict.fromkeys(("POCL_MAX_PTHREAD_COUNT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     photo, tile = native
 
     start = time.perf_counter()
     made = ["--noprogress", str(photo), *LINES[name], str(tmp_path / "tile.tif"), "--device", "cpu"]
-    command = [python, "-c", RUN, python, flags, json.dumps([made, ["--devices", "-v"]])]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000)
+    command = [python, "-X", "faulthandler", "-c", RUN, python, flags, json.dumps([made, ["--devices", "-v"]])]
+    for _ in range(2):
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000)
+        with capsys.disabled():
+            print(f"\n{name}: {time.perf_counter() - start:.0f} s {done.stderr[-2000:] if done.returncode else ''}")
+        if done.returncode != -signal.SIGSEGV:
+            break
     assert done.returncode == 0, done.stderr
     listing = done.stdout
-    with capsys.disabled():
-        print(f"\n{name}: {time.perf_counter() - start:.0f} s")
     assert f"{way}, system linker: works" in listing, listing
     assert "16 lanes" in listing  # whatever this machine's registers are
     if name == "unknown AMD":
