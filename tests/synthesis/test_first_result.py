@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import re
 
 import numpy as np
 import OpenImageIO as oiio
@@ -21,6 +22,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import WHOLE, Progress
+from oiiotex.synthesis.exemplar import synthesis_run
 from oiiotex.synthesis.exemplar.first_result import coarse_photo, fidelity_of, glance, textured
 from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
 from oiiotex.synthesis.patchmatch.optimization import Synthesis
@@ -218,13 +220,15 @@ def few_elements() -> oiio.ImageBuf:
     return buffer(picture * np.random.default_rng(0).uniform(0.6, 1, (128, 128, 1)), space="lin_rec709_scene")
 
 
-def test_what_misses_is_tried_again_and_said(caplog, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("fits", "last"), [(True, "preset=layout"), (False, "sigma=32:patch=21")])
+def test_what_misses_is_tried_again_and_said(fits, last, caplog, tmp_path, monkeypatch):
     monkeypatch.setattr(judged_tries, "GOOD", 1.0)
+    monkeypatch.setattr(synthesis_run, "fits_layout", lambda *_: fits)
     report = tmp_path / "r.json"
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(few_elements(), report=report)
     measures = json.loads(report.read_text())["results"][0]["measures"]
-    assert "trying preset=layout" in caplog.text and "trying sigma=32:patch=21" in caplog.text
+    assert re.findall(r"trying (\S+)", caplog.text)[-1].startswith(last)
     chosen = made.spec().get_string_attribute("oiiotex:chosen")
     assert f"scales chosen: {chosen}" in caplog.text
     assert float(made.spec().get_string_attribute("oiiotex:fidelity")) == pytest.approx(measures["fidelity"], abs=1e-3)
@@ -306,6 +310,7 @@ def test_a_second_attempt_adds_to_the_work(monkeypatch):
     session = Session(progress=lambda done, total: told.append((done, total)))
     monkeypatch.setattr(judged_tries, "GOOD", 2.0)  # which no result reaches
     monkeypatch.setattr(Try, "hope", lambda one, _: 2.0 if "broken" in one.improves else 0.0)
+    monkeypatch.setattr(Try, "is_last", False)
     filters.stationarize(photo(), session=session, **QUICK)
     totals = [total for _, total in told]
     assert totals[0] == WHOLE and 1.8 * WHOLE < totals[-1] < 2.4 * WHOLE and told[-1][0] == totals[-1]

@@ -90,6 +90,23 @@ def test_an_evened_tile_is_chosen_where_it_repeats_less_and_is_as_whole_by_eye()
     assert best_of([Try("first", lambda _: 0.03), worse], judged).spelled == "first"  # it does not repeat: not made
 
 
+def test_whole_objects_are_chosen_although_they_repeat_sooner():
+    """Waves of a layout decide nothing if objects of the first tile are cut; its fidelity counts them."""
+    layout, larger = replace(judged(0.005), waves=12.0), replace(judged(0.005), waves=6.0)
+
+    def chosen(first: Fidelity, despite: tuple[str, ...] = ("waves",)) -> str:
+        tries = [Try("first", lambda _: first), Try("layout", lambda _: layout, improves=("broken",), despite=despite)]
+        best = best_of([*tries, Try("larger", lambda _: larger)], lambda made: made)
+        assert best.kept is best.made  # the waves are told
+        return best.spelled
+
+    cut = replace(judged(0.018), waves=7.0)
+    assert layout.value < cut.value
+    assert chosen(cut) == "layout"  # and no other is made
+    assert chosen(cut, despite=()) == "larger"
+    assert chosen(replace(cut, broken=0.014)) == "larger"  # its objects are whole: not made
+
+
 def test_a_try_that_fails_is_left_out_unless_it_is_the_first():
     def fails(_):
         raise ImageError("no patch fits")

@@ -23,6 +23,7 @@ LARGE_PATCH, SMALL_PATCH = 21, 11  # px
 SIGMA_SHARE, PAPER_SIGMA_SHARE, LARGE_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
 AUTOMATIC: dict[str, float] = {"histogram": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
 IMPROVED_BY_SIZE = "broken", "cut", "unlike", "lost", "missing", "salient"  # large structures repeat as slow waves
+REPEATED = ("waves",)  # what a kept layout repeats sooner: it is smaller, and whole objects are preferred by eye
 # other tiles: divisor of the longer side, patch, parts of a fidelity that they may improve, and whether they even out
 EVENER = (
     (EVEN_SIGMA_SHARE, SMALL_PATCH, ("waves", "uneven", "salient"), True),

@@ -53,7 +53,7 @@ from .flattened import flat_photo
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import EVENER, IMPROVED_BY_SIZE, LARGER, LAYOUT
+from .presets import EVENER, IMPROVED_BY_SIZE, LARGER, LAYOUT, REPEATED
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ class SynthesisRun:
     def _tries(self, photo: JudgedPhoto) -> list[Try[FirstTile]]:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
-        layout = Try(f"preset={LAYOUT}", lambda _: self._in_own_layout(), _LAYOUT_TIME, IMPROVED_BY_SIZE)
+        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME, IMPROVED_BY_SIZE, despite=REPEATED)
         if plan.layout:
             return [replace(layout, improves=())]
 
@@ -312,7 +312,7 @@ class SynthesisRun:
 
         return Try(recipe.scales, make, improves=improves, evens=evens)
 
-    def _in_own_layout(self) -> FirstTile:
+    def _in_own_layout(self, _: float) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)

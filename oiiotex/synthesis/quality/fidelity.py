@@ -125,14 +125,17 @@ class Fidelity:
         worst = max((grade for grade, name, _ in self._grades() if name not in parts), default=0.0)
         return round(1.0 / (1.0 + worst / 4.0), 3)
 
-    def beats(self, other: Fidelity) -> bool:
-        """Whether it is the better one: of nearly equal values, the one whose parts exceed their limits by less."""
-        if abs(self.value - other.value) >= NEARLY:
-            return self.value > other.value
-        mine, others = (sum(max(0.0, grade - 1.0) for grade, _, _ in one._grades()) for one in (self, other))
-        return mine < others
+    def beats(self, other: Fidelity, despite: Collection[str] = ()) -> bool:
+        """Whether it is better, those parts aside: of nearly equal values, the one whose parts exceed less."""
+        mine, others = self.without(despite), other.without(despite)
+        if abs(mine - others) >= NEARLY:
+            return mine > others
+        return self._excess(despite) < other._excess(despite)
 
-    def repeats(self, parts: Collection[str]) -> bool:
+    def _excess(self, aside: Collection[str]) -> float:
+        return sum(max(0.0, grade - 1.0) for grade, name, _ in self._grades() if name not in aside)
+
+    def exceeds(self, parts: Collection[str]) -> bool:
         """Whether one of those parts is beyond its limit."""
         return any(grade > 1.0 for grade, name, _ in self._grades() if name in parts)
 

@@ -40,6 +40,9 @@ class Try(Generic[Made]):
     evens : bool
         It repeats less, and cuts more than the first, which is seen only beyond a limit (`Fidelity.evened`). If it is
         the better one, no other is made.
+    despite : collection of str
+        Parts that it makes worse, which decide nothing: by eye they weigh less than what it improves. If it is the
+        better one, no other is made.
     """
 
     spelled: str
@@ -47,12 +50,18 @@ class Try(Generic[Made]):
     time: float = 1.0
     improves: Collection[str] = ()
     evens: bool = False
+    despite: Collection[str] = ()
 
     def hope(self, first: Fidelity) -> float:
         """The fidelity that it may have at best."""
-        if not self.improves or (self.evens and first.repeats(self.improves)):
+        if not self.improves or (self.is_last and first.exceeds(self.improves)):
             return 1.0
         return first.without(self.improves)
+
+    @property
+    def is_last(self) -> bool:
+        """Whether no other is made if it is the better one."""
+        return self.evens or bool(self.despite)
 
 
 @dataclass(frozen=True)
@@ -106,9 +115,9 @@ def best_tried(
                 log.info("%s: %s: %s: more objects are cut", flag, one.spelled, kept)
                 continue
             kept = whole
-        is_better = best is None or kept.beats(present(best.kept))
+        is_better = best is None or kept.beats(present(best.kept), one.despite)
         if is_better:
             best, least = Tried(one.spelled, made, kept), kept.value
-        if least >= GOOD or (one.evens and is_better):
+        if least >= GOOD or (one.is_last and is_better):
             break
     return present(best)
