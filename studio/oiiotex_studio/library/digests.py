@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,7 @@ from typing import Any
 
 from oiiotex.engine.errors import Error, one_line, reason_of
 
-from ..api.files import owned
+from ..api.files import digest_of, owned
 from ..recipes.found import Material
 from .catalog import Catalog, FoldersAlone
 
@@ -81,9 +80,3 @@ def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
         except (Error, OSError) as error:
             wrong.append(reason_of(error))
     return wrong
-
-
-def digest_of(path: Path) -> str:
-    """The SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -22,14 +22,14 @@ from typing import Any, NamedTuple
 
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
-from ..api.files import owned, remove_folder
+from ..api.files import digest_of, owned, remove_folder
 from ..api.lines import Display, WorkerDied, memory, usable_threads, worker_processes
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
 from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog, FoldersAlone
-from .digests import digest_of, digests_of, faults, is_text
+from .digests import digests_of, faults, is_text
 from .report import convention_text
 from .runs import WORK
 from .steps import calling, read_step, step_path
