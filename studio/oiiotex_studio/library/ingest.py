@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import logging
 import os
 import threading
 import time
@@ -33,8 +32,6 @@ from .digests import digests_of, faults, is_text
 from .report import convention_text
 from .runs import WORK
 from .steps import calling, read_step, step_path
-
-log = logging.getLogger("oiiotex")
 
 _POLL = 0.3  # s between checks for assets of another run, and for steps of assets
 _SHARES = 1000  # steps of progress per asset
