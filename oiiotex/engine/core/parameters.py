@@ -268,15 +268,13 @@ def param(
 argument = functools.partial(param, positional=True)
 
 
-def image(
-    default: Any = dataclasses.MISSING, *, help: str, count: str = "", example: str = "", advanced: bool = False
-) -> Any:
+def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "", advanced: bool = False) -> Any:
     """Declare an input image as a dataclass field.
 
     A field of type `tuple[Image, ...]` holds several images. With `count`, it follows the first input, and the
     parameter of that name has a value for each of these images.
     """
-    facts = {"help": help, "count": count, "example": example, "advanced": advanced}
+    facts = {"help": help, "count": count, "advanced": advanced}
     return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 
