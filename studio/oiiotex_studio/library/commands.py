@@ -211,17 +211,11 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
 
 @contextlib.contextmanager
 def _display(given: argparse.Namespace) -> Iterator[Display]:
-    from ..api.lines import Display
+    from ..api.lines import Display, tell_runner
 
     display = Display()
     if given.openjd:
-        advance = display.advance
-
-        def tell(done: int, total: int) -> None:
-            advance(done, total)
-            print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
-
-        display.advance = tell  # type: ignore[method-assign]
+        display.advance = tell_runner  # type: ignore[method-assign]
     if given.quiet or given.openjd:
         yield display
         return
