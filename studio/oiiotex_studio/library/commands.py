@@ -31,11 +31,11 @@ _LOG = "ingest.log"
 
 def run(words: list[str]) -> int:
     """Run a command line, and return the exit code."""
-    given = _parser().parse_args(words or ["--help"])
+    given = _parser().parse_args(words or ["--help"], argparse.Namespace(words=words))
     level = logging.INFO if given.debug else logging.ERROR
     logging.basicConfig(format="%(message)s", level=level)
     logging.getLogger("oiiotex").setLevel(level)
-    return int(given.work(given, words))
+    return int(given.work(given))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -146,14 +146,14 @@ def _number(text: str) -> int:
 # --- commands ---
 
 
-def _recipe(given: argparse.Namespace, words: list[str]) -> int:
+def _recipe(given: argparse.Namespace) -> int:
     from ..recipes.recipe import commented_recipe
 
     print(commented_recipe(), end="")
     return 0
 
 
-def _ingest(given: argparse.Namespace, words: list[str]) -> int:
+def _ingest(given: argparse.Namespace) -> int:
     from ..api.lines import forget_current_folder
     from ..recipes.lines import require_lines
     from ..recipes.recipe import load_recipe
@@ -162,7 +162,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     recipe = load_recipe(given.recipe)
     require_lines(recipe)
     if given.farm.startswith("openjd="):
-        return _write_template(given, words)
+        return _write_template(given)
     workers, address = given.workers, ""
     if given.farm:
         engine, _, address = given.farm.partition("=")
@@ -223,11 +223,11 @@ def _display(given: argparse.Namespace) -> Iterator[Display]:
         yield display
 
 
-def _write_template(given: argparse.Namespace, words: list[str]) -> int:
+def _write_template(given: argparse.Namespace) -> int:
     from ..farm.openjd import place_of, share_template, write_template
 
     path, shares = place_of(given.farm.removeprefix("openjd="))
-    line = list(words)
+    line = list(given.words)
     at = next(n for n, word in enumerate(line) if word.startswith("--farm"))
     del line[at : at + (1 if "=" in line[at] and line[at].startswith("--farm=") else 2)]
     memory = given.cache or _LEAST_MEMORY
@@ -244,7 +244,7 @@ def _search(given: argparse.Namespace) -> AssetSearch:
     )
 
 
-def _list(given: argparse.Namespace, words: list[str]) -> int:
+def _list(given: argparse.Namespace) -> int:
     with _catalog(given) as catalog:
         chosen = _search(given).assets(catalog)
     lines = []
@@ -256,7 +256,7 @@ def _list(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _show(given: argparse.Namespace, words: list[str]) -> int:
+def _show(given: argparse.Namespace) -> int:
     from .upkeep import shown
 
     with _catalog(given) as catalog:
@@ -264,7 +264,7 @@ def _show(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _check(given: argparse.Namespace, words: list[str]) -> int:
+def _check(given: argparse.Namespace) -> int:
     from .upkeep import check, orphans
 
     with _catalog(given) as catalog:
@@ -276,7 +276,7 @@ def _check(given: argparse.Namespace, words: list[str]) -> int:
     return 1 if faults else 0
 
 
-def _gc(given: argparse.Namespace, words: list[str]) -> int:
+def _gc(given: argparse.Namespace) -> int:
     from .upkeep import collect_garbage
 
     with _catalog(given) as catalog:
@@ -285,7 +285,7 @@ def _gc(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _export(given: argparse.Namespace, words: list[str]) -> int:
+def _export(given: argparse.Namespace) -> int:
     from .export import export
 
     with _catalog(given) as catalog:
@@ -297,7 +297,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _wang(given: argparse.Namespace, words: list[str]) -> int:
+def _wang(given: argparse.Namespace) -> int:
     from .wang import delivered, side_of, write_wang
 
     size = _LENGTHS.fullmatch(given.size)
@@ -315,7 +315,7 @@ def _wang(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _tileset(given: argparse.Namespace, words: list[str]) -> int:
+def _tileset(given: argparse.Namespace) -> int:
     from .tileset import checked, write_tileset
     from .wang import delivered
 
