@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LENGTHS = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)x(\d{1,6}(?:\.\d{1,9})?)", re.ASCII)
 _MOST_SEED = 2**32 - 1
-_LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
 
 
@@ -224,13 +223,13 @@ def _display(given: argparse.Namespace) -> Iterator[Display]:
 
 
 def _write_template(given: argparse.Namespace) -> int:
-    from ..farm.openjd import place_of, share_template, write_template
+    from ..farm.openjd import LEAST_MEMORY, place_of, share_template, write_template
 
     path, shares = place_of(given.farm.removeprefix("openjd="))
     line = list(given.words)
     at = next(n for n, word in enumerate(line) if word.startswith("--farm"))
     del line[at : at + (1 if "=" in line[at] and line[at].startswith("--farm=") else 2)]
-    memory = given.cache or _LEAST_MEMORY
+    memory = given.cache or LEAST_MEMORY
     template = share_template(path.stem, line, shares, memory, program="oiiotex-library")
     write_template(path, template, line)
     return 0
