@@ -13,14 +13,12 @@ from oiiotex.engine.errors import Error, one_line, reason_of
 
 from ..api.files import digest_of, owned
 from ..recipes.found import Material
-from .catalog import Catalog, FoldersAlone
+from .catalog import Catalog
 
 _READERS = 4  # threads that hash files
 
 
-def digests_of(
-    photos: Path, found: Sequence[Material], catalog: Catalog | FoldersAlone
-) -> tuple[dict[str, str], dict[str, str]]:
+def digests_of(photos: Path, found: Sequence[Material], catalog: Catalog) -> tuple[dict[str, str], dict[str, str]]:
     """The SHA-256 of every file in use, and errors of files that cannot be read. Unchanged files are not read again."""
     known, digests, unread, new = catalog.sources(), dict[str, str](), dict[str, str](), []
     for path in sorted({file.path for material in found for file in material.maps.values()}):

@@ -27,7 +27,7 @@ from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
-from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog, FoldersAlone
+from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
 from .digests import digests_of, faults, is_text
 from .report import convention_text
 from .runs import WORK
@@ -86,7 +86,7 @@ def ingest(
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
-    with FoldersAlone(library) if count else Catalog(library, create=True) as catalog, catalog.run() as run:
+    with Catalog(library, create=True, recorded=not count) as catalog, catalog.run() as run:
         digests, unread = digests_of(photos, found, catalog)
         work = _IngestRun(photos, library, recipe, settings, say, display, catalog, run)
         todo = work.plan(found, digests, unread)
@@ -103,7 +103,7 @@ class _IngestRun:
     settings: IngestSettings
     say: Callable[[str], object]
     display: Display
-    catalog: Catalog | FoldersAlone
+    catalog: Catalog
     name: str
     counts: dict[str, int] = field(default_factory=dict)
     made: int = 0
