@@ -18,7 +18,7 @@ from ...engine.opencl.device import Device
 from .exemplar_rows import LEAST_ROWS, ExemplarRows, RowRange, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
-from .patch_search import WINDOWS, PatchSearch, RandomWindows
+from .patch_search import WINDOWS, PatchSearch, random_windows
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -83,7 +83,7 @@ class Matcher:
             device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
         elif field.packed is not store:
             store[:] = field.packed
-        self._search = search or RandomWindows(device, g, seed)
+        self._search = search or random_windows(device, g, seed)
 
     def field(self) -> SourceMap:
         """The current field."""
@@ -157,7 +157,8 @@ class Matcher:
         rounds = 1 if self.exemplar.whole else search.count  # a candidate depends on all before it
         for k in range(rounds if search.count else 0):
             candidates = (0, search.count) if self.exemplar.whole else (k, k + 1)
-            given = *search.numbers(step), top - first, bottom - first, first
+            second = step if search.second is None else search.second
+            given = search.first, second, top - first, bottom - first, first
             for piece, begun in self._change():
                 self._run(
                     search.kernel, (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size,
@@ -325,7 +326,7 @@ def match_patches(
         image = MadeRows(
             (e_height, e_width, 3), np.int16, lambda first, last: to_grid(exemplar[first:last], geometry.steps)
         )
-        search = RandomWindows(device, geometry, seed, windows)
+        search = random_windows(device, geometry, seed, windows)
         matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed, search)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
         matcher.improve(passes, 0x3A7C)
