@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from ...analysis.regularity.offset_prices import Prices
 from ...engine.color.lab_grid import to_grid
@@ -19,33 +19,13 @@ from .exemplar_rows import LEAST_ROWS, ExemplarRows, RowRange, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
 from .patch_search import WINDOWS, PatchSearch, random_windows
+from .use_prices import UsePrices
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
 MATCH_PASSES = 8  # for a field that no later step refines
 PICK_SIGMA = 3.0  # px; falloff of a patch's weight in the last vote from its center
-
-
-class AddsPrices(Protocol):
-    """Penalties that depend on the use of more than single patches."""
-
-    kinds: SomeRows  # (exemplar_rows, exemplar_columns) uint8: the contents of buffer `kinds`
-
-    def begin(self) -> None:
-        """Start counting a field."""
-
-    def count(self, rows: int, piece: RowRange) -> None:
-        """Count the first rows of buffer `field`, only the matches to patches of the piece."""
-
-    def ascend(self) -> None:
-        """Update the multipliers after counting."""
-
-    def around(self, piece: RowRange) -> RowRange:
-        """The patches whose uses the penalties of a piece depend on."""
-
-    def add(self, piece: RowRange, counted: RowRange) -> None:
-        """Add to buffer `penalty` of a piece, from the counts and the uses in buffer `count` of patches `counted`."""
 
 
 class Matcher:
@@ -58,7 +38,7 @@ class Matcher:
     def __init__(
         self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
         field: SourceMap, uniformity: float, seed: int, search: PatchSearch | None = None,
-        usable: np.ndarray | None = None, use_prices: AddsPrices | None = None, offset_prices: Prices | None = None,
+        usable: np.ndarray | None = None, use_prices: UsePrices | None = None, offset_prices: Prices | None = None,
         rows: LevelRows | None = None, exemplar_rows: ExemplarRows | None = None,
     ):  # fmt: skip
         g, patches = geometry, (geometry.exemplar_rows, geometry.exemplar_columns)
