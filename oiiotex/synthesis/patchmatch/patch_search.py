@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...engine.core.demand import SomeRows
@@ -37,7 +38,8 @@ _APART = 4  # links are at least a patch / 4 away from each other, and from thei
 _SCALE = 64  # of the integer weights of a cosine wave
 
 
-class PatchSearch(NamedTuple):
+@dataclass(frozen=True)
+class PatchSearch:
     """Candidates of each match, tried one after the other; each depends on the best match so far."""
 
     kernel: str  # of cl/patchmatch.cl
