@@ -9,6 +9,7 @@ import re
 
 from ..core.attributes import TAG
 from ..core.image import Image, Part, channels_of
+from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np
 from ..io.description import is_ours, is_tagged
@@ -17,6 +18,9 @@ log = logging.getLogger("oiiotex")
 
 _ASSUMED = "srgb_rec709_scene"  # OpenImageIO's readers assume it for untagged files
 FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "openexr"}
+NORMALS = param(
+    "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
+)
 _WORDS = {"normal", "normals", "normalmap", "nor", "nrm", "nml"}
 _PIXELS = 1 << 16  # sample size: a normal map looks like one everywhere
 _FEWEST = 64  # nonblack pixels; black ones, as around UV islands, do not count
