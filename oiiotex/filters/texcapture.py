@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..engine.color.lab import color_to_convert, lens_of
 from ..engine.color.lens import Lens
+from ..engine.color.normal_maps import NORMALS
 from ..engine.core.access import InBands
 from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
 from ..engine.core.image import Image, Part, channels_of, derived_spec, measure_spec
@@ -94,9 +95,7 @@ class Capture(InBands):
     roughness: bool = param(
         False, help="Add a roughness map as the last image, from the width of highlights. Requires six photos."
     )
-    normals: str = param(
-        "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
-    )
+    normals: str = NORMALS
     data: bool = param(False, advanced=True, help="Treat the channels as linear light, not color.")
 
     @classmethod

@@ -14,7 +14,6 @@ from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Words, image, nearest, param
 from ..engine.core.tiling import TILED, retiled, tiling_of
-from ..engine.deferred import oiio
 from ..engine.errors import ParameterError
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -38,11 +37,6 @@ def _lines(report: dict[str, Any]) -> Iterator[str]:
             yield f"good: {one['name']}: no seam is visible (jump {one['measures']['seam']:.2f}){unseen}"
     levels = [finding["level"] for finding in report["findings"]]
     yield f"{len(report['maps'])} maps: {levels.count('error')} errors, {levels.count('warning')} warnings"
-
-
-def _without_hash(spec: oiio.ImageSpec) -> None:
-    """Remove the hash, which was not verified against these pixels."""
-    spec.erase_attribute("oiio:SHA-1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +93,8 @@ class CheckMaterial(ScanThenMap):
         """The maps."""
         images = (self.source, *self.maps)
         kinds, limits = kinds_of(self.kinds, len(images), data=False), _limits(self.fail)
-        maps = [one.first.respecced(_without_hash) for one in images]
+        # without the hash, which was not verified against these pixels
+        maps = [one.first.respecced(lambda spec: spec.erase_attribute("oiio:SHA-1")) for one in images]
         if self.tiled is not None:
             maps = [retiled(one, self.tiled) for one in maps]
         return Plan(tuple({"map": one} for one in maps), (images, kinds, limits))

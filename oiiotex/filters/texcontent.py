@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +25,6 @@ from ..engine.session.resources import Resources
 from ..surfaces.charts.drawing import colored, shown_pixels
 from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
 from ..synthesis.exemplar.exemplar_op import COARSEST
-
-log = logging.getLogger("oiiotex")
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from ..engine.color.config import color_space
 from ..engine.color.lab import color_to_convert, working_values
+from ..engine.color.normal_maps import NORMALS
 from ..engine.core.access import Whole
 from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
 from ..engine.core.image import Image, Part, from_pixels, measure_spec
@@ -73,9 +74,7 @@ class EstimateHeight(Whole):
         help="Multiplier of the heights. 1 is right for a light 45 degrees above the surface; for another, set the"
         " tangent of its elevation.",
     )  # fmt: skip
-    normals: str = param(
-        "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
-    )
+    normals: str = NORMALS
     tiled: str | None = TILED
     data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 

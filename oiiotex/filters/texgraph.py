@@ -197,7 +197,7 @@ class ExemplarGraph(Whole):
     def _picture(self, graph: Graph, images: Sequence[Image], session: Session) -> np.ndarray:
         side = _common_side(images, graph.factors, self.exemplarside)
         nodes = [
-            Node(label, octave, _thumbnail(image, round(side / factor), PANEL, session))
+            Node(label, octave, _thumbnail(image, round(side / factor), session))
             for label, octave, image, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
         ]
         return drawn_graph(nodes, graph.edges, graph.root)
@@ -285,10 +285,10 @@ def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
     return Image((exemplar,), name or stem)
 
 
-def _thumbnail(image: Image, side: int, shown: int, session: Session) -> np.ndarray:
-    """Thumbnail of the central square that synthesis uses: (shown, shown, 3) float sRGB."""
+def _thumbnail(image: Image, side: int, session: Session) -> np.ndarray:
+    """Thumbnail of the central square that synthesis uses: (PANEL, PANEL, 3) float sRGB."""
     part, whole = image.first, image.first.window
     left, top = whole.left + (whole.width - side) // 2, whole.top + (whole.height - side) // 2
     square: Part = cropped(part, Window.sized(left, top, side, side))
-    pixels = shown_pixels(sampled(square, max(1, side // (4 * shown))), part, session.resources)
-    return np.clip(resized(pixels.astype(np.float32), shown, shown), 0, 1)
+    pixels = shown_pixels(sampled(square, max(1, side // (4 * PANEL))), part, session.resources)
+    return np.clip(resized(pixels.astype(np.float32), PANEL, PANEL), 0, 1)

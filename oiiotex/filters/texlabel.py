@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..analysis.labels.legend import LabelNames
 from ..analysis.labels.single_part import SINGLE, OnePart
-from ..analysis.superpixels.superpixels import COMPACTNESS_HELP
+from ..analysis.superpixels.superpixels import compactness_param
 from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part
@@ -82,15 +82,7 @@ class Label(OnePart, InLab, ScanThenMap):
         unset="chosen by the filter",
         help="Maximum number of subtextures in the coarsest level.",
     )
-    compactness: float | None = param(
-        None,
-        example="10",
-        ge=0.1,
-        le=100,
-        advanced=True,
-        unset="1.25 times the photo's contrast, from 2 to 20",
-        help=COMPACTNESS_HELP,
-    )
+    compactness: float | None = compactness_param(advanced=True)
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),

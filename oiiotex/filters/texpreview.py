@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from ..engine.color.lab import color_to_convert, lens_of
 from ..engine.color.lens import in_type
+from ..engine.color.normal_maps import NORMALS
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of
@@ -66,9 +67,7 @@ class Preview(Gather):
     maps: tuple[Image, ...] = image((), help="Other maps of the tile's material, for lit and sphere.", count="kinds")
     exemplar: Image | None = image(None, help="Photo from which the tile was made.")
     kinds: Words | None = param(None, help=KINDS_HELP, unset="one map: color", example="color,normal,data")
-    normals: str = param(
-        "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
-    )
+    normals: str = NORMALS
     panels: Words | None = param(
         None,
         unset="2x2,3x3,plane; first exemplar,seamless if exemplar is given, last lit,sphere if kinds is given",

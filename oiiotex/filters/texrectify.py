@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,8 +25,6 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..surfaces.capture.front_rectangle import FrontRectangle
 from ..surfaces.capture.homography import aspect_of, homography, require_quadrangle, sides_of
-
-log = logging.getLogger("oiiotex")
 
 _FILTER, _FILTER_WIDTH = "lanczos3", 6  # px
 _INCH = 0.0254  # m

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +25,6 @@ from . import op_named
 
 _COLUMNS = 3  # tiles in a row
 _BYTES = 30  # for each pixel of the photo, while it is reduced
-
-log = logging.getLogger("oiiotex")
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:

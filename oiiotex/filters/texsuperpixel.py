@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from ..analysis.superpixels.hierarchy import Hierarchy, hierarchy
 from ..analysis.superpixels.superpixels import (
-    COMPACTNESS_HELP,
     LEAST_SIGMA,
     Superpixels,
+    compactness_param,
     label_part,
     require_superpixels,
     superpixels,
@@ -71,14 +71,7 @@ class Superpixel(InLab, ScanThenMap):
         help="Scale of the smallest superpixels, from which coarser ones are merged. Reduce it if thin details are"
         " lost.",
     )
-    compactness: float | None = param(
-        None,
-        example="10",
-        ge=0.1,
-        le=100,
-        unset="1.25 times the photo's contrast, from 2 to 20",
-        help=COMPACTNESS_HELP,
-    )
+    compactness: float | None = compactness_param()
     paper: bool = param(
         False,
         help="Settings of the paper (LSA16 section 3): compactness=20, the best of ten SLIC runs, superpixels of at"

@@ -25,7 +25,6 @@ from ..engine.session.resources import Resources
 from .python_types import ImageLike, ResultBuf
 from .signatures import docstring, replaceable, signature
 
-_TAG = "oiio:ColorSpace"
 _MOST_CHANNELS = 64  # of an image with few rows; an array of that shape has its channels first
 
 if "IPython" in sys.modules and (_shell := sys.modules["IPython"].get_ipython()):

@@ -19,6 +19,7 @@ from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.io.writing import write
+from tests.engine.test_unfinished_files import a_free_pid
 from tests.parts import assert_same, counted, part_of, refusal, small, spec_of
 
 WIDE = 900_000  # pixels in a row that makes a band of few rows; libpng takes no more than a million
@@ -26,9 +27,7 @@ WIDE = 900_000  # pixels in a row that makes a band of few rows; libpng takes no
 
 @pytest.fixture(scope="module")
 def dead_pid() -> int:
-    process = subprocess.Popen(["true"])
-    process.wait()
-    return process.pid
+    return a_free_pid()
 
 
 # --- what is refused ---

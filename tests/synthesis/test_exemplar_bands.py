@@ -12,7 +12,6 @@ import pytest
 from oiiotex import filters
 from oiiotex.engine.core import demand, source_map
 from oiiotex.engine.core.demand import MadeRows, resized
-from oiiotex.engine.core.scratch import RowStore
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import MemoryBudgetError
 from oiiotex.engine.io.disk_cache import hash_of
@@ -25,6 +24,7 @@ from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches, hash_a
 from oiiotex.synthesis.patchmatch.use_prices import ranked
 from tests import pictures
 from tests.any_filter import buffer, pixels
+from tests.synthesis.test_bands import in_file
 
 pytestmark = pytest.mark.usefixtures("few_places")
 WIDTH, HEIGHT = 120, 170
@@ -97,12 +97,6 @@ def test_a_photo_that_does_not_fit_is_read_by_rows(case, monkeypatch):
     assert len(by_rows) == len(whole)
     for ours, theirs in zip(by_rows, whole, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-def in_file(array: np.ndarray) -> RowStore:
-    store = RowStore(array.shape, array.dtype)
-    store[:] = array
-    return store
 
 
 def test_what_is_gathered_from_a_file_is_what_memory_has(monkeypatch):

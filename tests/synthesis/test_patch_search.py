@@ -10,7 +10,7 @@ from oiiotex import filters
 from oiiotex.synthesis.patchmatch import field as pm
 from oiiotex.synthesis.patchmatch import patch_search
 from oiiotex.synthesis.patchmatch.matcher import _penalty_unit
-from oiiotex.synthesis.patchmatch.patch_search import COHERENT, CoherentLinks, Links
+from oiiotex.synthesis.patchmatch.patch_search import COHERENT, Links, coherent_links
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference import patchmatch as reference
@@ -59,7 +59,7 @@ def test_a_pass_of_propagation_and_links_is_the_oracles(all_lanes, g, monkeypatc
         exemplar = setup(device, g, 3)[3]
         links = Links.of(exemplar, pm.allowed_patches(None, g), g)
         assert links.side > 1
-        matcher, _, target, exemplar, y, x = setup(device, g, 3, 0.05, search=CoherentLinks(device, g, links))
+        matcher, _, target, exemplar, y, x = setup(device, g, 3, 0.05, search=coherent_links(device, links))
         matcher.improve(1, step=4)
         if oracle is None:
             weight = 0.05 * _penalty_unit(exemplar, g)
@@ -105,13 +105,14 @@ def test_coherent_is_the_same_again_and_not_the_random_result(name):
 @pytest.mark.parametrize("name", [*LINES, "quilt"])
 def test_nothing_is_searched_at_random(name, monkeypatch, tmp_path):
     """Neither where coherent is chosen, nor for the report of a quilt, which needs no such choice."""
-    make = patch_search.RandomWindows.__init__
+    make = patch_search.random_windows
 
-    def refuse(self, device, geometry, seed, count=patch_search.WINDOWS):
+    def refuse(device, geometry, seed, count=patch_search.WINDOWS):
         assert count == 0
-        make(self, device, geometry, seed, count)
+        return make(device, geometry, seed, count)
 
-    monkeypatch.setattr(patch_search.RandomWindows, "__init__", refuse)
+    for module in ("patch_search", "matcher"):
+        monkeypatch.setattr(f"oiiotex.synthesis.patchmatch.{module}.random_windows", refuse)
     images, values = LINES.get(name, ([PHOTO], {"size": (48, 48), "patch": 16}))
     more = {"search": COHERENT} if name in LINES else {}
     pixels(getattr(filters, name)(*map(buffer, images), **values, **more, report=tmp_path / "report.json"))

@@ -121,7 +121,7 @@ def test_shares_are_even_over_what_a_key_can_show():
     grid = Grid(120, 90, patch=12, overlap=4)
     labels = np.where(np.indices((45, 53))[1] < 26, 1, 2).astype(np.uint8)
     table = exemplar(grid, labels).table
-    keys = np.full(grid.shape, table.find((1, 1)), np.int32)
+    keys = np.full(grid.shape, table.nearest((1, 1)), np.int32)
     squares = PatchSquares.of(grid, 45, 53)
     spans = squares.spans(table, keys, 1.0)
     shares = squares.shares(table.offsets, spans, keys, 1.0)
@@ -149,7 +149,7 @@ def test_a_label_of_few_patches_takes_mixed_ones(any_lanes):
     y, x = np.indices((45, 53))
     labels = np.where((np.abs(y - 22) < 8) & (np.abs(x - 26) < 9), 2, 1).astype(np.uint8)
     found = exemplar(grid, labels)
-    keys = np.full(grid.shape, found.table.find((2, 2)), np.int32)
+    keys = np.full(grid.shape, found.table.nearest((2, 2)), np.int32)
     shown, mixed = {}, {}
     for reuse in (1.0, 1e9):
         rules = quilter.Rules(seed=4, candidates=24, reach=2, reuse=reuse)

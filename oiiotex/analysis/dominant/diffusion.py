@@ -36,6 +36,7 @@ from .patch_manifold import (
 DOMINANT, SMALL, BRIDGE, SCATTERED = range(4)  # texel types 0, I, II, III: LDR09 section 4
 SHARE = 0.4  # least proportion of all texels in a dominant group
 MOST_STEPS = 200  # of the diffusion
+TEXELS = 12000  # maximum: the paper's images have up to 11,000 at a step of 1
 _LEAST_CORRELATION = 0.1  # of pixels with their neighbors; textures at hand have at least 0.5
 _FAR = 64  # random texels to which each texel is then linked
 _WIDER = (4.0, 16.0)  # kernel sizes tried before an image is rejected
@@ -87,19 +88,18 @@ def dominant_texture(
     *,
     patch: int | None = None,
     step: int | None = None,
-    most: int = 12000,
     mode: str = "diffusion",
     rule: str = "repaired",
 ) -> Dominance:
     """LDR09 section 5 without the mask.
 
-    `patch` is the odd side of a patch, px; `step` is their spacing, px, without which there are at most `most` texels.
+    `patch` is the odd side of a patch, px; `step` is their spacing, px, without which there are at most `TEXELS`.
     `mode` is how patches are compared: diffusion, or for comparison euclidean (colors, eq. 7) or spectral (the larger
     half of a normalized cut). `rule` is repaired, or paper: thresholds as published, without an estimate of noise.
     """
     with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
-        apart = step or step_for(pixels.seen.shape, side, most)
+        apart = step or step_for(pixels.seen.shape, side)
         describing, searching, classifying = progress.stages(*times_of(pixels.seen.shape, side, apart))
         texels = texels_of(pixels, side, apart, resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
@@ -172,11 +172,11 @@ def neighbor_correlation(pixels: LabPixels) -> float:
     return float(max(correlations))
 
 
-def step_for(shape: tuple[int, int], patch: int, most: int) -> int:
-    """The smallest spacing that gives at most `most` texels."""
+def step_for(shape: tuple[int, int], patch: int) -> int:
+    """The smallest spacing that gives at most `TEXELS`."""
     rows, columns = (max(1, s - patch + 1) for s in shape)
     step = 1
-    while -(-rows // step) * -(-columns // step) > most:
+    while -(-rows // step) * -(-columns // step) > TEXELS:
         step += 1
     return step
 

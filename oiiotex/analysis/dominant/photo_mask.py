@@ -21,7 +21,7 @@ from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..regularity.lattice import find_lattice
 from ..superpixels.superpixels import label_spec
-from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for, times_of
+from .diffusion import TEXELS, Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for, times_of
 from .patch_manifold import LEAST_PATCH, MOST_PATCH, memory_needed, patch_size
 
 log = logging.getLogger("oiiotex")
@@ -29,7 +29,6 @@ log = logging.getLogger("oiiotex")
 WORKING_PIXELS = 1 << 20
 _READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
 _PERIODS = 4  # minimum number along the shorter side: fewer elements do not make a texture
-TEXELS = 12000  # maximum: the paper's images have up to 11,000 at a step of 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +52,9 @@ class PhotoMask:
     @property
     def score(self) -> Part:
         """Part 'score': density, and the decimal logarithm of heat."""
-        density, heat = (values.astype(np.float32) for values in (self.texture.density, self.texture.heat))
-        return self._spread("score", ("density", "heat"), density, heat)
-
-    def _spread(self, name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
-        layers = [spread_over(self.texture.texels, v, self.pixels.seen.shape) for v in values]
-        return self._part(name, channels, np.stack(layers, -1), {})
+        values = (one.astype(np.float32) for one in (self.texture.density, self.texture.heat))
+        layers = [spread_over(self.texture.texels, one, self.pixels.seen.shape) for one in values]
+        return self._part("score", ("density", "heat"), np.stack(layers, -1), {})
 
     def _part(self, name: str, channels: tuple[str, ...], values: np.ndarray, facts: dict[str, float]) -> Part:
         """Values of the reduced photo as a part in the windows of the photo; 0 where alpha is 0."""
@@ -123,7 +119,7 @@ def photo_mask(
         side = max(LEAST_PATCH, round(period / shrink) | 1)
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
     require_memory(flag, photo, resources, side, paper)
-    step = 1 if paper else step_for(shape, side, TEXELS)
+    step = 1 if paper else step_for(shape, side)
     work = times_of(shape, side, step)
     reading, looking = progress.stages(shape[0] * shape[1] * _READ[patch is None], sum(work))
     reading.advance(1, 1)
@@ -179,7 +175,7 @@ def _reduced(photo: Image) -> tuple[int, tuple[int, int]]:
 
 def _texel_count(shape: tuple[int, int], side: int, paper: bool) -> int:
     """Number of patches: with `paper` one around every pixel."""
-    apart = 1 if paper else step_for(shape, side, TEXELS)
+    apart = 1 if paper else step_for(shape, side)
     return -(-shape[0] // apart) * -(-shape[1] // apart)
 
 

@@ -91,11 +91,6 @@ def _key_strips(labels: Part, side: int, resources: Resources, advance: Callable
         advance()
 
 
-def _strip_count(labels: Part, side: int) -> int:
-    """Number of strips of `_key_strips`."""
-    return -(-(labels.spec.height - side + 1) // _rows(labels.spec.width, side))
-
-
 def _rows(width: int, side: int) -> int:
     """Rows of windows in a strip: limited by its memory, but enough that halos do not dominate the work."""
     return max(side // 2, _STRIP_PIXELS // width - side)
@@ -132,8 +127,9 @@ class Contents:
     ):
         self.side, self.key, self.areas = side, key, dict[int, int]()
         self._labels, self._resources, self._progress, self._half = labels, resources, progress, side // 2
-        self._done, self._total = 0, passes * _strip_count(labels, side)
         width, height = labels.spec.width, labels.spec.height
+        strips = -(-(height - side + 1) // _rows(width, side))  # of `_key_strips`
+        self._done, self._total = 0, passes * strips
         size = height, -(-width // 8)  # a bit for each pixel
         self._marks = empty_rows(size, np.uint8, in_memory=size[0] * size[1] <= resources.budget // 4)
         self._rows = range(self._half, self._half + height - side + 1)

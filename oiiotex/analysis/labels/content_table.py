@@ -116,16 +116,10 @@ def _tiles(shape: tuple[int, int], side: int) -> Iterable[tuple[tuple[slice, sli
 class ContentTable:
     """Key -> all offsets whose window has this key (LSA16 figure 11), in memory proportional to the exemplar."""
 
-    side: int
     keys: np.ndarray  # (n, 2) int32: (k1, k2), ascending
     starts: np.ndarray  # (n + 1,) int64: offsets of key n are `offsets[starts[n]:starts[n + 1]]`, row by row
     offsets: np.ndarray  # (m,) uint32, as `SourceMap.packed`
     key_map: np.ndarray  # (h - side + 1, w - side + 1) uint32: index of the key of each offset, or NO_KEY
-
-    def find(self, key: tuple[int, int]) -> int | None:
-        """Index of a key, or None."""
-        at = np.flatnonzero((self.keys == np.asarray(key)).all(1))
-        return int(at[0]) if len(at) else None
 
     def nearest(self, key: tuple[int, int]) -> int:
         """Index of the key, or of the nearest key that has offsets.
@@ -179,7 +173,7 @@ def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTa
         offsets[place] = SourceMap.of(top + y, x).packed
         free += here
     keys = np.stack([present // most, present % most], 1).astype(np.int32)
-    return ContentTable(side=side, keys=keys, starts=starts, offsets=offsets, key_map=key_map)
+    return ContentTable(keys=keys, starts=starts, offsets=offsets, key_map=key_map)
 
 
 def _distinct(codes: np.ndarray, limit: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from ...engine.errors import present
 from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
 from .products import LANES, TASK, padded, product, wide_of
+from .random_walk import Walk
 
 _ROUNDS = 30  # alternations of F and G
 _INNER = 8  # steps of either in a round
@@ -40,22 +41,7 @@ _FRUITLESS, _COMBINED = 55, 5  # of the authors' program
 _GAIN = 1e-2  # least relative decrease of the error in a round; a tenth of it changes no score by .01
 _SETTLED = 1e-6  # greatest change of a converged membership
 _BOUNDS = 20  # iterations of the bound of a norm
-
-
-class Power(Protocol):
-    """A left-stochastic matrix left right^T to factor, such as `random_walk.Walk`."""
-
-    n: int
-    norm: float
-    mass: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
-
-    def step(self, start: np.ndarray) -> np.ndarray:
-        """One step of the walk."""
-
-    def column(self, node: int) -> np.ndarray:
-        """One column of the matrix."""
+Power: TypeAlias = "Walk | _Dense"  # a left-stochastic matrix left right^T to factor
 
 
 @dataclass(frozen=True)
@@ -288,7 +274,9 @@ class _Dense:
         self.mass = far.mean(1, dtype=np.float64)
 
     def step(self, start: np.ndarray) -> np.ndarray:
+        """As `Walk.step`."""
         return product(self._once, start[:, None], self._resources)[:, 0]
 
     def column(self, node: int) -> np.ndarray:
+        """As `Walk.column`."""
         return self.left[:, node]

@@ -215,7 +215,8 @@ def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resourc
     from .clique_partition import joined_to, partition  # scipy is not loaded before it is needed
 
     side = counts.side
-    scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
+    octaves = [(-1) ** s * ((s + 1) // 2) for s in range(settings.scales)]  # 0, -1, 1, -2, ...: the true scale first
+    scales = tuple(settings.radius / side * 2 ** (s / 2) for s in octaves)
     roots = [histogram_roots(disc_sums(counts.values, r, resources)) for r in scales]
     valid = np.logical_or.reduce(counts.values, -1)
     samples = sample_grid(valid, max(1, round(settings.step / side)))
@@ -231,11 +232,6 @@ def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resourc
     if settings.count is not None:
         cliques = joined_to(weights, cliques, settings.count)
     return _nearest_samples(roots[0], samples, cliques), len(samples.places)
-
-
-def _octaves(scales: int) -> list[int]:
-    """0, -1, 1, -2, ...: the true scale first."""
-    return [(-1) ** s * ((s + 1) // 2) for s in range(scales)]
 
 
 def _nearest_samples(roots: np.ndarray, samples: Samples, cliques: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from ...engine.color.lab_on_device import PIXEL_BYTES, Band, LabGrid, most_on_de
 from ...engine.color.lens import Lens
 from ...engine.core.attributes import mark_as_data
 from ...engine.core.image import Image, Part, derived_spec
+from ...engine.core.parameters import param
 from ...engine.core.tiling import tiled_spec, tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
@@ -35,15 +36,20 @@ from .squares import WIDEST, LabelSquares, Reduced
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
 LEAST_COMPACTNESS = 2.0  # by default, Lab units per sigma: below, noise decides
 _PER_CONTRAST = 1.25  # compactness per median deviation of Lab in a cell
-COMPACTNESS_HELP = (
-    "Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for rounder"
-    " superpixels, reduce it for borders that follow faint edges."
-)
 FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4
 LEAST_SIGMA = 4.0  # px; smaller superpixels have no pattern
 ITERATIONS = 1000
 _BAND_ROWS = 128  # of labels that become runs at a time
 _SUMS = 21  # per superpixel, of powers, in cl/superpixels.cl
+
+
+def compactness_param(advanced: bool = False) -> Any:
+    """Declare `compactness`."""
+    return param(
+        None, example="10", ge=0.1, le=100, advanced=advanced, unset="1.25 times the photo's contrast, from 2 to 20",
+        help="Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for"
+             " rounder superpixels, reduce it for borders that follow faint edges.",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class LabGrid:
         look: Callable[[Band], object] | None = None,
     ):  # fmt: skip
         part, self._look = image.first, look
-        self.window, self._resources, self._device = part.window, resources, resources.device
+        self.window, self._device = part.window, resources.device
         self.width, self.height = part.window.width, part.window.height
         self._row = PIXEL_BYTES * self.width
         most = most_on_device(resources) if most is None else most

@@ -9,6 +9,7 @@ import re
 
 from ..core.attributes import TAG
 from ..core.image import Image, Part, channels_of
+from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np
 from ..io.description import is_ours, is_tagged
@@ -16,7 +17,10 @@ from ..io.description import is_ours, is_tagged
 log = logging.getLogger("oiiotex")
 
 _ASSUMED = "srgb_rec709_scene"  # OpenImageIO's readers assume it for untagged files
-_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "openexr"}
+FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "openexr"}
+NORMALS = param(
+    "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
+)
 _WORDS = {"normal", "normals", "normalmap", "nor", "nrm", "nml"}
 _PIXELS = 1 << 16  # sample size: a normal map looks like one everywhere
 _FEWEST = 64  # nonblack pixels; black ones, as around UV islands, do not count
@@ -31,7 +35,7 @@ def warn_of_normals(image: Image) -> bool:
     part = image.first
     if part.stored is None or not part.ready or is_ours(part.spec) or not os.path.isfile(image.source):
         return False
-    format_name = _FORMATS.get(os.path.splitext(image.source)[1].lower(), "")
+    format_name = FORMATS.get(os.path.splitext(image.source)[1].lower(), "")
     if part.spec.get_string_attribute(TAG) != _ASSUMED:
         return False
     named, alike = named_as_normals(image.source), looks_like_normals(part)

@@ -325,7 +325,7 @@ def measure_spec(spec: oiio.ImageSpec, channels: tuple[str, ...] = ("Y",)) -> oi
 # --- conversion for the Python API ---
 
 
-def from_array(pixels: np.ndarray, name: str = "array") -> Image:
+def from_array(pixels: np.ndarray) -> Image:
     """An image from an array, (height, width) or (height, width, channels), top row first.
 
     One channel is gray, three are R, G, B, and four have alpha (premultiplied). Booleans become 0 and 1; 64-bit
@@ -339,20 +339,20 @@ def from_array(pixels: np.ndarray, name: str = "array") -> Image:
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     if pixels.ndim != 3 or not pixels.size:
         expected = "at least one pixel" if pixels.ndim == 3 else "(height, width) or (height, width, channels)"
-        raise ImageError(f"{name}: shape {pixels.shape}: expected {expected}")
+        raise ImageError(f"array: shape {pixels.shape}: expected {expected}")
     if pixels.dtype.kind == "b":
         pixels = pixels.astype(np.float32)
     if pixels.dtype.kind in "iu" and pixels.dtype.itemsize == 8:
         if pixels.min() < 0 or pixels.max() >= 1 << 32:
-            raise ImageError(f"{name}: 64-bit values from {pixels.min()} to {pixels.max()}: expected 32-bit ids")
+            raise ImageError(f"array: 64-bit values from {pixels.min()} to {pixels.max()}: expected 32-bit ids")
         pixels = pixels.astype(np.uint32)
     kinds = {np.dtype(dtype): name for name, dtype in _NUMPY.items()}
     native = pixels.dtype.newbyteorder("=")
     if native not in kinds:
-        raise ImageError(f"{name}: pixels of type {pixels.dtype} are not supported")
+        raise ImageError(f"array: pixels of type {pixels.dtype} are not supported")
     pixels = np.ascontiguousarray(pixels, native)
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kinds[native])
-    return Image((from_pixels("part0", pixels, spec, spec.format),), name)
+    return Image((from_pixels("part0", pixels, spec, spec.format),), "array")
 
 
 def from_buffer(buffer: oiio.ImageBuf) -> Image:

@@ -54,11 +54,6 @@ class Kind(enum.Enum):
     MESH = ".obj"
 
     @property
-    def is_data(self) -> bool:
-        """Whether its values are data, regardless of the input."""
-        return self in (Kind.IDS, Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE)
-
-    @property
     def is_exact(self) -> bool:
         """Whether its values must never be converted or filtered."""
         return self in (Kind.IDS, Kind.COORDINATES)

@@ -24,7 +24,7 @@ from ..errors import ParameterError, ParameterTypeError, either, spelled
 _FIELD = "oiiotex"
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float accept more: 1_0, ٣
 _INTEGERS = 1 << 31  # OpenImageIO and kernels use 32-bit ints and floats
-_FLOATS = (2 - 2**-23) * 2.0**127
+LARGEST = (2 - 2**-23) * 2.0**127  # of 32-bit floats
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
@@ -141,7 +141,7 @@ class Parameter:
         if not {int, float} & set(kinds):
             return ""
         twice = 2 * self.default if isinstance(self.default, (int, float)) else self.ge
-        value = min(max(twice or 1, -_FLOATS if self.ge is None else self.ge), _FLOATS if self.le is None else self.le)
+        value = min(max(twice or 1, -LARGEST if self.ge is None else self.ge), LARGEST if self.le is None else self.le)
         return str(int(value)) if int in kinds or value == int(value) else f"{value:g}"
 
     def described(self, help: str) -> str:
@@ -196,7 +196,7 @@ class Parameter:
     def _fitting(self, value: Any, given: Any) -> Any:
         """The value, checked to fit into 32 bits where no bound is declared."""
         for n in _numbers_in(value):
-            least, most = (-_FLOATS, _FLOATS) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
+            least, most = (-LARGEST, LARGEST) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
             if (self.ge is None and n < least) or (self.le is None and n > most):
                 raise self.wrong(given, f"that fits into 32 bits ({least:.10g} to {most:.10g})")
         return value
@@ -268,15 +268,13 @@ def param(
 argument = functools.partial(param, positional=True)
 
 
-def image(
-    default: Any = dataclasses.MISSING, *, help: str, count: str = "", example: str = "", advanced: bool = False
-) -> Any:
+def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "", advanced: bool = False) -> Any:
     """Declare an input image as a dataclass field.
 
     A field of type `tuple[Image, ...]` holds several images. With `count`, it follows the first input, and the
     parameter of that name has a value for each of these images.
     """
-    facts = {"help": help, "count": count, "example": example, "advanced": advanced}
+    facts = {"help": help, "count": count, "advanced": advanced}
     return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 

@@ -173,14 +173,10 @@ def is_tagged(spec: oiio.ImageSpec, format_name: str, path: str) -> bool:
     if not spec.get_string_attribute(TAG):
         return False
     if format_name == "png":
-        return _png_is_tagged(path)
+        return bool(_png_chunks(path))
     if format_name in ("jpeg", "tiff"):
         return spec.getattribute("Exif:ColorSpace") is not None or spec.getattribute("ICCProfile") is not None
     return format_name in ("openexr", "dpx", "cineon", "jpegxl")
-
-
-def _png_is_tagged(path: str) -> bool:
-    return bool(_png_chunks(path))
 
 
 def _png_chunks(path: str) -> dict[bytes, bytes]:

@@ -145,7 +145,7 @@ class SealedFolder:
                 continue
             path = self.folder / name
             with contextlib.suppress(OSError):  # another process has removed it
-                if seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
+                if seal is not None and (size, digest_of(path)) == (seal[0], seal[2]):
                     self._seals[name] = (size, changed, seal[2])
                 else:
                     path.unlink()
@@ -156,7 +156,7 @@ class SealedFolder:
         for name, size, changed in self._files():
             known = self._seals.get(name)
             with contextlib.suppress(OSError):
-                digest = known[2] if known and known[:2] == (size, changed) else _digest(self.folder / name)
+                digest = known[2] if known and known[:2] == (size, changed) else digest_of(self.folder / name)
                 seals[name] = (size, changed, digest)
         if seals != self._seals:
             content = json.dumps({"boot": _boot(), "files": seals}).encode()
@@ -198,7 +198,8 @@ class SealedFolder:
                         yield name, entry, as_named
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """The SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -129,16 +129,16 @@ class Device(DeviceMemory):
         """Copy `array` into `buffer`, `offset` bytes from its start."""
         self._enqueue("upload", self._cl.enqueue_copy, buffer, np.ascontiguousarray(array), dst_offset=offset)
 
-    def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type, offset: int = 0) -> np.ndarray:
-        """The contents of `buffer`, from byte `offset`, as a new array."""
+    def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
+        """The contents of `buffer`, from its start, as a new array."""
         array = np.empty(shape, dtype)
-        self._enqueue("download", self._cl.enqueue_copy, array, buffer, src_offset=offset)
+        self._enqueue("download", self._cl.enqueue_copy, array, buffer)
         return array
 
     def read_later(
         self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type, offset: int = 0
     ) -> Download:
-        """As `read`, after the kernels queued so far and concurrent with later ones.
+        """As `read`, from byte `offset`, after the kernels queued so far and concurrent with later ones.
 
         The buffer must not be written before the download is complete: alternate between buffers.
         """

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from ...engine.core.demand import bands, cached
 from ...engine.core.image import Image, Part, pixels_of
 from ...engine.core.op import Plan
-from ...engine.core.parameters import Numbers, argument, param
+from ...engine.core.parameters import LARGEST, Numbers, argument, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError
@@ -20,13 +20,11 @@ from .arithmetic import numbers_for_channels
 from .kinds import OneImage, filled, op, window_of
 from .remapping import Area
 
-_LARGEST = (2 - 2**-23) * 2.0**127  # the largest 32-bit float
-
 
 def _clamp(source: oiio.ImageBuf, low: str, high: str, alpha: bool) -> oiio.ImageBuf:
     """The image, clamped."""
-    least = numbers_for_channels(low, source.nchannels, -_LARGEST, "min")
-    most = numbers_for_channels(high, source.nchannels, _LARGEST, "max")
+    least = numbers_for_channels(low, source.nchannels, -LARGEST, "min")
+    most = numbers_for_channels(high, source.nchannels, LARGEST, "max")
     return oiio.ImageBufAlgo.clamp(source, least, most, alpha)
 
 

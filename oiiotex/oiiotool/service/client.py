@@ -18,6 +18,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import Error, of_facts, reason_of
 from ...engine.machine import start_python
+from ...engine.session.progress import Onlooker
 from .messages import Link, LinkError
 from .pictures import image_facts
 from .settings import ResidentSettings
@@ -29,7 +30,6 @@ _START = 30.0  # s; timeout for the start of a process
 BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: interactive, visible tiles, previews, files
 
 Reply = tuple[dict[str, Any], list["np.ndarray"]]
-OnLook = Callable[["np.ndarray", bool], object]
 
 
 class Request(Future[Reply]):
@@ -46,7 +46,7 @@ class Request(Future[Reply]):
     """
 
     def __init__(
-        self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], object] | None
+        self, client: Client, number: int, on_look: Onlooker | None, on_progress: Callable[[int, int], object] | None
     ):
         super().__init__()
         self.set_running_or_notify_cancel()  # `stop` cancels; the process confirms it
@@ -92,7 +92,7 @@ class Client:
     def make(
         self, op: str, images: Sequence[int] = (), values: Mapping[str, object] | None = None, *,
         optional: Mapping[str, int | str] | None = None, priority: int = LOOKS, measure: bool = False,
-        until: str | None = None, read: str | None = None, keep: bool = True, on_look: OnLook | None = None,
+        until: str | None = None, read: str | None = None, keep: bool = True, on_look: Onlooker | None = None,
         on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
         """Run an op in the process (`work.Bench.make`).
@@ -150,7 +150,7 @@ class Client:
         self._ask(facts)
 
     def _ask(
-        self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = (), on_look: OnLook | None = None,
+        self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = (), on_look: Onlooker | None = None,
         on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
         """The request. If the process has ended before, its result is a LinkError, as if it ended afterwards."""

@@ -12,6 +12,7 @@ materials and decides the tilt. The two others are not in the photos: the caller
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ...engine.deferred import np
 from .lights import Lights
@@ -57,7 +58,7 @@ def with_intensities(lights: Lights, photos: np.ndarray, x: np.ndarray, y: np.nd
             lit = expected > _DIM * shade.max(0)
             power[n] = np.median(one[lit] / expected[lit]) if lit.any() else power[n]  # of all: weights would agree
     power /= np.exp(np.log(np.maximum(power, 1e-9)).mean())
-    return lights.powered(np.round(power * _GRID) / _GRID), float(fit.weights.mean())
+    return replace(lights, intensities=np.round(power * _GRID) / _GRID), float(fit.weights.mean())
 
 
 def _level(normals: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from ...engine.core.window import Window
@@ -55,10 +55,6 @@ class Lights:
         square = away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2
         falloff = (self.vectors**2).sum(1)[:, None] / square
         return (away / np.sqrt(square)[:, None]).astype(np.float32), (power * falloff).astype(np.float32)
-
-    def powered(self, intensities: np.ndarray) -> Lights:
-        """The same lights with other intensities."""
-        return replace(self, intensities=intensities)
 
 
 def read_lights(given: Path | Sequence[float], names: Sequence[str]) -> np.ndarray:

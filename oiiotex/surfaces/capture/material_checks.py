@@ -19,6 +19,7 @@ from ...analysis.stationarity.grid_statistics import MARGIN
 from ...engine.color.config import as_float, color_space
 from ...engine.color.lab import lens_for
 from ...engine.color.lens import count_broken
+from ...engine.color.normal_maps import FORMATS
 from ...engine.core.attributes import TAG
 from ...engine.core.demand import bands
 from ...engine.core.image import Image, channels_of
@@ -40,7 +41,6 @@ _DRIFT_SCALE = 1 / 8  # of the longer side
 _LIT, _OCCLUDED = 0.1, 0.25  # proportion of the variance of lightness explained by normals and by heights
 _LENGTH = 0.05  # tolerance of the length of a normal; 8 bits cause 0.007
 _LEAN = 5.0  # degrees
-_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
 _GRID = 1024.0  # steps per unit: integer sums do not depend on their order
 
 ERROR, WARNING = "error", "warning"
@@ -155,7 +155,7 @@ def _require_finite(one: _Map) -> None:
 def _tagged(one: _Map, resources: Resources) -> Iterator[Fault]:
     """A color space tag on a map of data, unless a reader of JPEG or PNG assumed it for an untagged file."""
     spec, path = one.image.first.spec, one.image.source
-    tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
+    tag, format_name = spec.get_string_attribute(TAG), FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
     if tag and not assumed and not resources.color.is_data(tag):
         text = f"is tagged '{tag}': a renderer would convert its data as color; add {IS_DATA}"

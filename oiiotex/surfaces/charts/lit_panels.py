@@ -15,7 +15,6 @@ from ..capture.occlusion import relief_of, visible_sky
 from .lighting import FLAT, ROUGHNESS, LitMaterial, slope_normals, unit_normals
 from .tile_preview import PreviewPanel, few_at_once, fitted, laid, look_through
 
-ROLES = ("normal", "height", "roughness", "metal")  # of further maps
 _PX_BYTES = 320  # per pixel of a panel, measured
 _VALUES = 24  # per pixel of a panel, while a row is shaded
 _REACH = 32  # px of the tile at which heights occlude, as --texestimateao's

@@ -165,7 +165,8 @@ def assembled(
         if not place.empty:
             points = motion.back(centers(place).reshape(-1, 2)).reshape(place.height, place.width, 2)
             at = place.inside(whole)
-            asked = at_points(_margin(region), _inside(points, region.shape))[..., 0] > 0
+            around = grown(region, MARGIN)[..., None].astype(np.float32)  # with the pixels that rendering reads
+            asked = at_points(around, _inside(points, region.shape))[..., 0] > 0
             hidden = (region | ~np.isfinite(values).all(2))[..., None]  # other frames may have these pixels
             layers = np.concatenate([np.where(hidden, 0, values), ~hidden], 2, dtype=np.float32)
             sampled = at_points(layers, points)
@@ -187,11 +188,6 @@ def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Points up to `MARGIN` px beyond the border moved onto it: the filter reads there."""
     edge = np.clip(points, 0.5, np.array(shape[::-1]) - 0.5)
     return np.where(np.abs(points - edge).max(2, keepdims=True) <= MARGIN, edge, points)
-
-
-def _margin(region: np.ndarray) -> np.ndarray:
-    """A region with the pixels around it that rendering reads, (h, w, 1) float32."""
-    return grown(region, MARGIN)[..., None].astype(np.float32)
 
 
 def _seen(motion: FrameMotion, shape: tuple[int, ...], whole: Window) -> Window:

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from .frame_motion import FrameMotion
+from .light import MEDIAN
 from .sampling import REACH, at_points, centers, grown
 
 _AROUND = 64  # px around the region that are compared
-_MEDIAN = 0.455  # of squares of normal numbers
 _RESAMPLED = 0.85  # variance of grain after it was resampled
 _FEWEST = 256  # px
 _BEST = 0.25  # quantile of the pairs
@@ -51,7 +51,7 @@ def grain_between(before: Side, frame: Side) -> np.ndarray | None:
         return None
     now, then = frame.values[at][here].astype(np.float64), seen[here][:, :-1].astype(np.float64)
     gain = np.sum(now * then, 0) / np.maximum(np.sum(then**2, 0), 1e-12)
-    variance = np.median((now - gain * then) ** 2, 0) / _MEDIAN
+    variance = np.median((now - gain * then) ** 2, 0) / MEDIAN
     return np.sqrt(variance / (1 + _RESAMPLED * gain**2))
 
 

@@ -11,7 +11,7 @@ MOST_GAIN = 4.0
 _BLOCK = 32  # px; side of the blocks in which the spectrum of grain is measured
 _MOST_BLOCKS = 16
 _FEWEST = 4
-_MEDIAN = 0.455  # of squares of normal numbers
+MEDIAN = 0.455  # of squares of normal numbers
 _OUTLIER = 3.0  # deviations: more is an edge that does not match, not grain
 _CLIPPED = 0.9915  # mean of squares of normal numbers, none above 3 squared
 _MOST_SAMPLES = 1 << 16
@@ -104,7 +104,7 @@ def _variance(squares: np.ndarray, terms: np.ndarray) -> np.ndarray:
 
     step = max(1, len(squares) // _MOST_SAMPLES)
     squares, terms = squares[::step].astype(np.float64), terms[::step].astype(np.float64)
-    expected = np.full(len(squares), np.median(squares) / _MEDIAN)
+    expected = np.full(len(squares), np.median(squares) / MEDIAN)
     scale = np.maximum(terms.mean(0), 1e-12)
     factors = np.zeros(terms.shape[1])
     for _ in range(_ROUNDS):  # the deviation of a square is in proportion to the variance

@@ -37,7 +37,7 @@ class OffsetSearch:
     """
 
     def __init__(self, photo: Photo, patch: int, in_step: InStep | None = None):
-        self._patch, self._factor, self._photo = patch, search_factor(photo.shape), photo
+        self._factor, self._photo = search_factor(photo.shape), photo
         lab, self._allowed = photo.reduced(self._factor)
         lab = lab.astype(np.int64) // _UNIT
         self._side = -(-patch // self._factor)

@@ -151,10 +151,8 @@ class Graph:
             if edge.r > finest - 3:
                 problem = f"r={edge.r} is more than r_max = L - 3 = {finest - 3} of exemplars of {1 << finest} px"
                 hint = "increase exemplarside, or reduce r"
-                raise ImageError(f"{where}: edge {self._named(edge)}: {problem}", hint=hint)
-
-    def _named(self, edge: Edge) -> str:
-        return f"{self.names[edge.source]} -> {self.names[edge.destination]}"
+                named = f"{self.names[edge.source]} -> {self.names[edge.destination]}"
+                raise ImageError(f"{where}: edge {named}: {problem}", hint=hint)
 
 
 def read_graph(path: str | Path) -> Graph:

@@ -243,8 +243,8 @@ def in_file(window: Window, display: Window) -> tuple[Window, Window]:
 class States:
     """Pixels of a level as texels and offsets, synthesized in cells that are cached.
 
-    `window`: data window, and `display`: display window, in pixels of the level. As attributes, `place` and `display`
-    are `in_file`. With a `key` (`Plane.key`) cells are also written to a checkpoint next to the output file, from which
+    `window`: data window, and `display`: display window, in pixels of the level. The attribute `place` is the first
+    of `in_file`. With a `key` (`Plane.key`) cells are also written to a checkpoint next to the output file, from which
     an interrupted run resumes.
     """
 
@@ -252,7 +252,7 @@ class States:
         self, resources: Resources, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
     ):
         self._resources, self._maker, self._level, self._key = resources, maker, level, key
-        self.place, self.display = in_file(window, display)
+        self.place = in_file(window, display)[0]
         self._shift = window.left - self.place.left, window.top - self.place.top
         row = _STATE_BYTES * self.place.width
         height = max(32, min(512, resources.cache.limit // 3 // row))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from ...analysis.regularity.offset_prices import Prices
 from ...engine.color.lab_grid import to_grid
@@ -18,34 +18,14 @@ from ...engine.opencl.device import Device
 from .exemplar_rows import LEAST_ROWS, ExemplarRows, RowRange, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
-from .patch_search import WINDOWS, PatchSearch, RandomWindows
+from .patch_search import WINDOWS, PatchSearch, random_windows
+from .use_prices import UsePrices
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
 MATCH_PASSES = 8  # for a field that no later step refines
 PICK_SIGMA = 3.0  # px; falloff of a patch's weight in the last vote from its center
-
-
-class AddsPrices(Protocol):
-    """Penalties that depend on the use of more than single patches."""
-
-    kinds: SomeRows  # (exemplar_rows, exemplar_columns) uint8: the contents of buffer `kinds`
-
-    def begin(self) -> None:
-        """Start counting a field."""
-
-    def count(self, rows: int, piece: RowRange) -> None:
-        """Count the first rows of buffer `field`, only the matches to patches of the piece."""
-
-    def ascend(self) -> None:
-        """Update the multipliers after counting."""
-
-    def around(self, piece: RowRange) -> RowRange:
-        """The patches whose uses the penalties of a piece depend on."""
-
-    def add(self, piece: RowRange, counted: RowRange) -> None:
-        """Add to buffer `penalty` of a piece, from the counts and the uses in buffer `count` of patches `counted`."""
 
 
 class Matcher:
@@ -58,7 +38,7 @@ class Matcher:
     def __init__(
         self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
         field: SourceMap, uniformity: float, seed: int, search: PatchSearch | None = None,
-        usable: np.ndarray | None = None, use_prices: AddsPrices | None = None, offset_prices: Prices | None = None,
+        usable: np.ndarray | None = None, use_prices: UsePrices | None = None, offset_prices: Prices | None = None,
         rows: LevelRows | None = None, exemplar_rows: ExemplarRows | None = None,
     ):  # fmt: skip
         g, patches = geometry, (geometry.exemplar_rows, geometry.exemplar_columns)
@@ -83,7 +63,7 @@ class Matcher:
             device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
         elif field.packed is not store:
             store[:] = field.packed
-        self._search = search or RandomWindows(device, g, seed)
+        self._search = search or random_windows(device, g, seed)
 
     def field(self) -> SourceMap:
         """The current field."""
@@ -157,7 +137,8 @@ class Matcher:
         rounds = 1 if self.exemplar.whole else search.count  # a candidate depends on all before it
         for k in range(rounds if search.count else 0):
             candidates = (0, search.count) if self.exemplar.whole else (k, k + 1)
-            given = *search.numbers(step), top - first, bottom - first, first
+            second = step if search.second is None else search.second
+            given = search.first, second, top - first, bottom - first, first
             for piece, begun in self._change():
                 self._run(
                     search.kernel, (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size,
@@ -325,7 +306,7 @@ def match_patches(
         image = MadeRows(
             (e_height, e_width, 3), np.int16, lambda first, last: to_grid(exemplar[first:last], geometry.steps)
         )
-        search = RandomWindows(device, geometry, seed, windows)
+        search = random_windows(device, geometry, seed, windows)
         matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed, search)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
         matcher.improve(passes, 0x3A7C)

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
@@ -37,44 +38,29 @@ _APART = 4  # links are at least a patch / 4 away from each other, and from thei
 _SCALE = 64  # of the integer weights of a cosine wave
 
 
-class PatchSearch(Protocol):
+@dataclass(frozen=True)
+class PatchSearch:
     """Candidates of each match, tried one after the other; each depends on the best match so far."""
 
     kernel: str  # of cl/patchmatch.cl
-    count: int  # candidates of a pass
     table: cl.Buffer
+    count: int  # candidates of a pass
+    first: np.uint32  # of the two numbers that the kernel takes
+    second: np.uint32 | None = None  # None: the number of the pass
 
-    def numbers(self, step: np.uint32) -> tuple[np.uint32, np.uint32]:
-        """The two numbers that the kernel takes, in a pass of that number."""
 
-
-class RandomWindows:
+def random_windows(device: Device, geometry: Geometry, seed: int, count: int = WINDOWS) -> PatchSearch:
     """One random candidate in each of the `count` narrowest windows around the best match (BSFG09 section 3.2)."""
-
-    kernel = "search"
-
-    def __init__(self, device: Device, geometry: Geometry, seed: int, count: int = WINDOWS):
-        reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
-        shrink = (2.0 / reach) ** (1.0 / (WINDOWS - 1))
-        radius = [max(1, int(reach * shrink**k)) for k in range(WINDOWS)][-max(1, count) :]
-        self.count, self.table, self._seed = count, device.upload(np.array(radius, np.int32)), seed
-
-    def numbers(self, step: np.uint32) -> tuple[np.uint32, np.uint32]:
-        """The seed, and the step of the hash."""
-        return np.uint32(self._seed & 0xFFFFFFFF), step
+    reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
+    shrink = (2.0 / reach) ** (1.0 / (WINDOWS - 1))
+    radius = [max(1, int(reach * shrink**k)) for k in range(WINDOWS)][-max(1, count) :]
+    return PatchSearch("search", device.upload(np.array(radius, np.int32)), count, np.uint32(seed & 0xFFFFFFFF))
 
 
-class CoherentLinks:
+def coherent_links(device: Device, links: Links, count: int = LINKS) -> PatchSearch:
     """The patches most similar to the best match, by the links of its cell."""
-
-    kernel = "follow"
-
-    def __init__(self, device: Device, geometry: Geometry, links: Links, count: int = LINKS):
-        self.count, self.table, self._links = count, device.upload(links.places), links
-
-    def numbers(self, step: np.uint32) -> tuple[np.uint32, np.uint32]:
-        """The side of a cell, and the number of cells along x."""
-        return np.uint32(self._links.side), np.uint32(self._links.places.shape[1])
+    side, across = np.uint32(links.side), np.uint32(links.places.shape[1])
+    return PatchSearch("follow", device.upload(links.places), count, side, across)
 
 
 class Links(NamedTuple):
@@ -118,11 +104,11 @@ class Links(NamedTuple):
 
 
 SEARCHES: dict[str, Callable[[Device, Geometry, SomeRows, np.ndarray, int, bool], PatchSearch]] = {
-    RANDOM: lambda device, geometry, exemplar, allowed, seed, fine: RandomWindows(
+    RANDOM: lambda device, geometry, exemplar, allowed, seed, fine: random_windows(
         device, geometry, seed, FINE_WINDOWS if fine else WINDOWS
     ),
-    COHERENT: lambda device, geometry, exemplar, allowed, seed, fine: CoherentLinks(
-        device, geometry, Links.of(exemplar, allowed, geometry), FINE_LINKS if fine else LINKS
+    COHERENT: lambda device, geometry, exemplar, allowed, seed, fine: coherent_links(
+        device, Links.of(exemplar, allowed, geometry), FINE_LINKS if fine else LINKS
     ),
 }
 """By their names: the search of a level, `fine` or the coarsest. Arguments as of `Links.of`, and a seed."""

@@ -54,7 +54,7 @@ class ValueCounts:
     """
 
     def __init__(self, device: Device, buffers: Buffers, first: int, entries: int, channels: int):
-        self._device, self._buffers = device, buffers
+        self._buffers = buffers
         self._first, self._entries, self._channels = first, entries, channels
         self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=channels)
         self._counters = 256 if device.lanes == 1 else 1  # cl/histograms.cl, COUNTERS

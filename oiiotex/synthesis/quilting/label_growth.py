@@ -36,7 +36,6 @@ class Grown:
     """
 
     ids: np.ndarray  # (height, width) uint32: one per cell
-    cell: int  # side of a cell, px
     shares: float
     neighbors: float
 
@@ -114,7 +113,7 @@ def grow_labels(
         off = _away(_shares(index, allowed, len(labels)), _shares(grown, np.ones(grown.shape, bool), len(labels)))
         beside = _away(_pairs(index, allowed, len(labels)), _pairs(grown, np.ones(grown.shape, bool), len(labels)))
         if best is None or off + beside < best.shares + best.neighbors:
-            best = Grown(labels[grown].astype(np.uint32), side, off, beside)
+            best = Grown(labels[grown].astype(np.uint32), off, beside)
     assert best is not None
     return best
 

@@ -15,4 +15,5 @@ from oiiotex.engine.io.disk_cache import hash_of
 from oiiotex.engine.io.documents import read_document, require_plain
 from oiiotex.engine.io.owned import checked_name, copy_folder, owned, remove_folder
 from oiiotex.engine.io.schema import Allowed, Fraction, Seed, read_as, types_of
+from oiiotex.engine.io.sealed import digest_of
 from oiiotex.synthesis.quality.limit import Limit

@@ -9,6 +9,7 @@ from oiiotex.engine.run import as_provisional
 from oiiotex.oiiotool.cli.language.parse import CommandLine, Option, Step, parse, split_modifiers
 from oiiotex.oiiotool.cli.language.sequences import Frame, frame_numbers
 from oiiotex.oiiotool.cli.main import exit_with
+from oiiotex.oiiotool.cli.running.frame_runs import tell_runner
 from oiiotex.oiiotool.cli.running.parallel import WorkerDied, worker_processes
 from oiiotex.oiiotool.cli.running.progress import Display
 from oiiotex.oiiotool.cli.running.shares import Shares, line_of

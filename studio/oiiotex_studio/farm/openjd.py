@@ -20,6 +20,7 @@ from ..api.files import read_document, temporary_beside
 _VERSION = "jobtemplate-2023-09"
 _PLACE = re.compile(r"((?:.*/)?[^/,]+)(?:,([1-9][0-9]{0,4}))?", re.DOTALL)
 _SHARES = 16  # default
+LEAST_MEMORY = 2048  # MB that a task requests, without --cache
 _IN_FOLDER = 'cd "$0" && exec "$@"'
 _TIMEOUT = 86_400  # s; time limit of a task
 

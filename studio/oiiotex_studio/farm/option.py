@@ -32,7 +32,6 @@ from ..api.lines import (
 )
 
 _SHARES_A_WORKER = 4  # small shares, so that a slow worker delays the others less
-_LEAST_MEMORY = 2048  # MB that a task of a job template requests, without --cache
 
 
 def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
@@ -122,12 +121,12 @@ def _result(future: Future[_Answer], job: Job) -> _Answer:
 def _write_template(
     place: str, command: CommandLine, words: Sequence[str], tasks: Sequence[Task], session: Session
 ) -> None:
-    from .openjd import frame_template, place_of, share_template, write_template
+    from .openjd import LEAST_MEMORY, frame_template, place_of, share_template, write_template
 
     path, shares = place_of(place)
     line = list(line_of(words))
     own = {word for task in tasks for word in line_of(task.frame.words)}
-    memory = session.resources.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
+    memory = session.resources.budget >> 20 if "--cache" in command.settings else LEAST_MEMORY
     if "--frames" in command.settings:
         at = line.index("--frames")
         del line[at : at + 2]

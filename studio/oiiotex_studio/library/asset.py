@@ -21,7 +21,7 @@ from oiiotex import __version__
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, MemoryBudgetError, failure_of
 
-from ..api.files import Allowed, hash_of, owned, read_as, read_document, remove_folder
+from ..api.files import Allowed, digest_of, hash_of, owned, read_as, read_document, remove_folder
 from ..api.images import TAG, Image, Progress, Session, read
 from ..api.lines import LANGUAGE, parse
 from ..api.materials import atlas_side
@@ -33,7 +33,7 @@ from ..recipes.found import MapFile, Material, Question, extract, link_or_copy, 
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
-from .digests import digest_of, faults
+from .digests import faults
 from .hexes import LEAST, hex_measures, write_hexes
 from .runs import WORK
 from .steps import StepFile, run_line

@@ -89,6 +89,9 @@ class Catalog:
     library : Path
     create : bool
         Create library and catalog if they do not exist.
+    recorded : bool
+        False: a catalog of this run alone, in memory, on a farm machine that only writes folders. A later run records
+        them, and removes what killed runs left.
 
     Raises
     ------
@@ -96,15 +99,15 @@ class Catalog:
         The catalog is missing, has another version, is damaged, or is empty although there are assets.
     """
 
-    def __init__(self, library: Path, create: bool = False):
-        self.library = library
+    def __init__(self, library: Path, create: bool = False, recorded: bool = True):
+        self.library, self._recorded = library, recorded
         path = library / FILE
         if not create and not path.is_file():
             raise Error(f"{library} is not a library; create one with oiiotex-library ingest PHOTOS {library}")
         with sqlite_errors(library):
             (library / WORK).mkdir(parents=True, exist_ok=True)
             require_no_links(library)
-            self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
+            self._data = sqlite3.connect(path if recorded else ":memory:", timeout=_PATIENCE, isolation_level=None)
             self._data.execute("PRAGMA journal_mode=WAL")
             self._data.execute("PRAGMA synchronous=NORMAL")
             self._data.execute("PRAGMA foreign_keys=ON")
@@ -270,14 +273,19 @@ class Catalog:
     @contextlib.contextmanager
     def run(self) -> Iterator[str]:
         """A context with a separate folder below `WORK` for a run; leftovers of dead runs are removed."""
-        with locked(self.library / WORK / "lock"):
-            self._sweep()
+        self.sweep()
         with folder_of_run(self.library) as name:
             try:
                 yield name
             finally:
                 with self._transaction():
                     self._data.execute("DELETE FROM claims WHERE run = ?", (name,))
+
+    def sweep(self) -> None:
+        """Remove leftovers of killed runs, if the catalog is recorded."""
+        if self._recorded:
+            with locked(self.library / WORK / "lock"):
+                self._sweep()
 
     def _sweep(self) -> None:
         """Remove folders and claims of dead runs, whose locks the system has released."""
@@ -298,11 +306,6 @@ class Catalog:
             marks = ", ".join("?" * len(live))
             self._data.execute(f"DELETE FROM claims WHERE run NOT IN ({marks})", live)
 
-    def sweep(self) -> None:
-        """Remove leftovers of killed runs."""
-        with locked(self.library / WORK / "lock"):
-            self._sweep()
-
     def claim(self, asset: str, run: str) -> bool:
         """Claim an asset for a run; False if another run has claimed it."""
         with self._transaction():
@@ -314,54 +317,3 @@ class Catalog:
         """Release the claim of an asset."""
         with self._transaction():
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
-
-
-class FoldersAlone:
-    """Replaces the catalog on a farm machine, which only writes folders; a later run records them."""
-
-    def __init__(self, library: Path):
-        self.library = library
-
-    def __enter__(self) -> FoldersAlone:
-        with sqlite_errors(self.library):
-            (self.library / WORK).mkdir(parents=True, exist_ok=True)
-            require_no_links(self.library)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def assets(self) -> dict[str, Asset]:
-        """No assets: there is no catalog."""
-        return {}
-
-    def asset(self, name: str) -> Asset | None:
-        """None: there is no catalog."""
-        return None
-
-    def sources(self) -> dict[str, tuple[int, int, str]]:
-        """No sources: there is no catalog."""
-        return {}
-
-    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
-        """Do nothing: there is no catalog."""
-
-    def put(self, *_: Any) -> None:
-        """Do nothing: there is no catalog."""
-
-    def put_all(self, *_: Any) -> None:
-        """Do nothing: there is no catalog."""
-
-    def run(self) -> contextlib.AbstractContextManager[str]:
-        """A context with a separate working folder for a run."""
-        return folder_of_run(self.library)
-
-    def sweep(self) -> None:
-        """Do nothing: runs with the catalog clean up."""
-
-    def claim(self, asset: str, run: str) -> bool:
-        """True: shares do not overlap."""
-        return True
-
-    def release(self, asset: str, run: str) -> None:
-        """Do nothing: nothing was claimed."""

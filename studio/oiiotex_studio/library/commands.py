@@ -25,17 +25,16 @@ if TYPE_CHECKING:
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LENGTHS = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)x(\d{1,6}(?:\.\d{1,9})?)", re.ASCII)
 _MOST_SEED = 2**32 - 1
-_LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
 
 
 def run(words: list[str]) -> int:
     """Run a command line, and return the exit code."""
-    given = _parser().parse_args(words or ["--help"])
+    given = _parser().parse_args(words or ["--help"], argparse.Namespace(words=words))
     level = logging.INFO if given.debug else logging.ERROR
     logging.basicConfig(format="%(message)s", level=level)
     logging.getLogger("oiiotex").setLevel(level)
-    return int(given.work(given, words))
+    return int(given.work(given))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -146,14 +145,14 @@ def _number(text: str) -> int:
 # --- commands ---
 
 
-def _recipe(given: argparse.Namespace, words: list[str]) -> int:
+def _recipe(given: argparse.Namespace) -> int:
     from ..recipes.recipe import commented_recipe
 
     print(commented_recipe(), end="")
     return 0
 
 
-def _ingest(given: argparse.Namespace, words: list[str]) -> int:
+def _ingest(given: argparse.Namespace) -> int:
     from ..api.lines import forget_current_folder
     from ..recipes.lines import require_lines
     from ..recipes.recipe import load_recipe
@@ -162,7 +161,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     recipe = load_recipe(given.recipe)
     require_lines(recipe)
     if given.farm.startswith("openjd="):
-        return _write_template(given, words)
+        return _write_template(given)
     workers, address = given.workers, ""
     if given.farm:
         engine, _, address = given.farm.partition("=")
@@ -211,17 +210,11 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
 
 @contextlib.contextmanager
 def _display(given: argparse.Namespace) -> Iterator[Display]:
-    from ..api.lines import Display
+    from ..api.lines import Display, tell_runner
 
     display = Display()
     if given.openjd:
-        advance = display.advance
-
-        def tell(done: int, total: int) -> None:
-            advance(done, total)
-            print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
-
-        display.advance = tell  # type: ignore[method-assign]
+        display.advance = tell_runner  # type: ignore[method-assign]
     if given.quiet or given.openjd:
         yield display
         return
@@ -229,14 +222,14 @@ def _display(given: argparse.Namespace) -> Iterator[Display]:
         yield display
 
 
-def _write_template(given: argparse.Namespace, words: list[str]) -> int:
-    from ..farm.openjd import place_of, share_template, write_template
+def _write_template(given: argparse.Namespace) -> int:
+    from ..farm.openjd import LEAST_MEMORY, place_of, share_template, write_template
 
     path, shares = place_of(given.farm.removeprefix("openjd="))
-    line = list(words)
+    line = list(given.words)
     at = next(n for n, word in enumerate(line) if word.startswith("--farm"))
     del line[at : at + (1 if "=" in line[at] and line[at].startswith("--farm=") else 2)]
-    memory = given.cache or _LEAST_MEMORY
+    memory = given.cache or LEAST_MEMORY
     template = share_template(path.stem, line, shares, memory, program="oiiotex-library")
     write_template(path, template, line)
     return 0
@@ -250,7 +243,7 @@ def _search(given: argparse.Namespace) -> AssetSearch:
     )
 
 
-def _list(given: argparse.Namespace, words: list[str]) -> int:
+def _list(given: argparse.Namespace) -> int:
     with _catalog(given) as catalog:
         chosen = _search(given).assets(catalog)
     lines = []
@@ -262,7 +255,7 @@ def _list(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _show(given: argparse.Namespace, words: list[str]) -> int:
+def _show(given: argparse.Namespace) -> int:
     from .upkeep import shown
 
     with _catalog(given) as catalog:
@@ -270,7 +263,7 @@ def _show(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _check(given: argparse.Namespace, words: list[str]) -> int:
+def _check(given: argparse.Namespace) -> int:
     from .upkeep import check, orphans
 
     with _catalog(given) as catalog:
@@ -282,7 +275,7 @@ def _check(given: argparse.Namespace, words: list[str]) -> int:
     return 1 if faults else 0
 
 
-def _gc(given: argparse.Namespace, words: list[str]) -> int:
+def _gc(given: argparse.Namespace) -> int:
     from .upkeep import collect_garbage
 
     with _catalog(given) as catalog:
@@ -291,7 +284,7 @@ def _gc(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _export(given: argparse.Namespace, words: list[str]) -> int:
+def _export(given: argparse.Namespace) -> int:
     from .export import export
 
     with _catalog(given) as catalog:
@@ -303,7 +296,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _wang(given: argparse.Namespace, words: list[str]) -> int:
+def _wang(given: argparse.Namespace) -> int:
     from .wang import delivered, side_of, write_wang
 
     size = _LENGTHS.fullmatch(given.size)
@@ -321,7 +314,7 @@ def _wang(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _tileset(given: argparse.Namespace, words: list[str]) -> int:
+def _tileset(given: argparse.Namespace) -> int:
     from .tileset import checked, write_tileset
     from .wang import delivered
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,16 +11,14 @@ from typing import Any
 
 from oiiotex.engine.errors import Error, one_line, reason_of
 
-from ..api.files import owned
+from ..api.files import digest_of, owned
 from ..recipes.found import Material
-from .catalog import Catalog, FoldersAlone
+from .catalog import Catalog
 
 _READERS = 4  # threads that hash files
 
 
-def digests_of(
-    photos: Path, found: Sequence[Material], catalog: Catalog | FoldersAlone
-) -> tuple[dict[str, str], dict[str, str]]:
+def digests_of(photos: Path, found: Sequence[Material], catalog: Catalog) -> tuple[dict[str, str], dict[str, str]]:
     """The SHA-256 of every file in use, and errors of files that cannot be read. Unchanged files are not read again."""
     known, digests, unread, new = catalog.sources(), dict[str, str](), dict[str, str](), []
     for path in sorted({file.path for material in found for file in material.maps.values()}):
@@ -81,9 +78,3 @@ def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
         except (Error, OSError) as error:
             wrong.append(reason_of(error))
     return wrong
-
-
-def digest_of(path: Path) -> str:
-    """The SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

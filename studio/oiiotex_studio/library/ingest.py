@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import logging
 import os
 import threading
 import time
@@ -22,19 +21,17 @@ from typing import Any, NamedTuple
 
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
-from ..api.files import owned, remove_folder
+from ..api.files import digest_of, owned, remove_folder
 from ..api.lines import Display, WorkerDied, memory, usable_threads, worker_processes
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
-from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog, FoldersAlone
-from .digests import digest_of, digests_of, faults, is_text
+from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
+from .digests import digests_of, faults, is_text
 from .report import convention_text
 from .runs import WORK
 from .steps import calling, read_step, step_path
-
-log = logging.getLogger("oiiotex")
 
 _POLL = 0.3  # s between checks for assets of another run, and for steps of assets
 _SHARES = 1000  # steps of progress per asset
@@ -89,7 +86,7 @@ def ingest(
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
-    with FoldersAlone(library) if count else Catalog(library, create=True) as catalog, catalog.run() as run:
+    with Catalog(library, create=True, recorded=not count) as catalog, catalog.run() as run:
         digests, unread = digests_of(photos, found, catalog)
         work = _IngestRun(photos, library, recipe, settings, say, display, catalog, run)
         todo = work.plan(found, digests, unread)
@@ -106,7 +103,7 @@ class _IngestRun:
     settings: IngestSettings
     say: Callable[[str], object]
     display: Display
-    catalog: Catalog | FoldersAlone
+    catalog: Catalog
     name: str
     counts: dict[str, int] = field(default_factory=dict)
     made: int = 0

@@ -289,11 +289,12 @@ class Hub(Pages):
 
     # --- colors ---
 
-    def shown(self, space: str | None = "") -> Shown:
+    def shown(self) -> Shown:
         """The display transform of the document's display and view."""
         view = self.document.state["view"]
-        space = self.source.space if space == "" else space
-        return shown_by(self.session.resources.color, space, view["display"], view["view"], view["exposure"])
+        return shown_by(
+            self.session.resources.color, self.source.space, view["display"], view["view"], view["exposure"]
+        )
 
     def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
         """Convert (height, width, channels) float32 to (height, width, 3) uint8 for the page."""

@@ -20,9 +20,8 @@ from oiiotex_studio.library.catalog import Catalog
 from benchmarks.studio.library import RECIPE, write_photos
 from oiiotex.surfaces.charts.tile_preview import repeated
 from tests.conftest import data_folder
-from tools.docs.pictures.layout import beside, write_jpeg
+from tools.docs.pictures.layout import FOLDER, beside, write_jpeg
 
-PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SHOWN = (("rusty_metal", "lit"), ("mossy_rock", "lit"), ("clover_lawn_003", "compared"),
          ("bark_flaky_000", "compared"))  # fmt: skip
 PHOTOS, SIZE = 12, 512
@@ -78,7 +77,7 @@ def main() -> None:
         line = [*program, "ingest", "photos", "library", "--recipe", "recipe.toml"]
         done = subprocess.run(line, cwd=folder)
         assert done.returncode in (0, 3), done
-        photographed(folder / "library" / "report.html", PICTURES / "library_report.jpg")
+        photographed(folder / "library" / "report.html", FOLDER / "library_report.jpg")
         write_jpeg(beside(*(shown(folder / "library", *one) for one in SHOWN)), "library_materials.jpg")
 
 

@@ -12,9 +12,9 @@ import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder
 from tests.browser import Served, chromium, end_resident
+from tools.docs.pictures.layout import FOLDER
 
 DATA = data_folder().absolute()
-PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SIZE = {"width": 1280, "height": 720}
 SPACE = "srgb_rec709_scene"
 
@@ -107,9 +107,9 @@ def shot(page: object, name: str) -> None:
     """The page as a picture of the docs."""
     page.mouse.move(5, 715)
     page.wait_for_timeout(300)
-    page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=86)
+    page.screenshot(path=FOLDER / f"{name}.jpg", type="jpeg", quality=86)
     page.close()
-    print(PICTURES / f"{name}.jpg")
+    print(FOLDER / f"{name}.jpg")
 
 
 @contextlib.contextmanager

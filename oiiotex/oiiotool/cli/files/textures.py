@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,6 @@ from ....engine.io.writing import require_arrived
 from ..language.parse import Option
 from ..stack.chain import Chain, require_flat
 from .output import compression, is_left, may_write, software
-
-log = logging.getLogger("oiiotex")
 
 _WRAPS = ("black", "clamp", "periodic", "mirror")
 

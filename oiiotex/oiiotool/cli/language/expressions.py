@@ -28,7 +28,7 @@ from ....engine.core.image import Image
 from ....engine.core.parameters import nearest
 from ....engine.deferred import np, oiio
 from ....engine.errors import ParameterError, within
-from ..printing.metadata import metadata_text
+from ..printing.metadata import Asked, description
 from ..printing.pixel_statistics import part_color, part_statistics, part_statistics_text
 from .expression_values import (
     NUMBER,
@@ -100,7 +100,8 @@ def _listed(numbers: Iterable[float]) -> str:
 
 
 def _described(verbose: bool, native: bool) -> Callable[[Image], str]:
-    return lambda image: metadata_text(image, verbose, native).removesuffix("\n")
+    asked = Asked(verbose=verbose, all_parts=verbose, native=native)
+    return lambda image: "".join(description(image, asked)).removesuffix("\n")
 
 
 def _is_black(image: Image) -> bool:

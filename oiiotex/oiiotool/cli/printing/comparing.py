@@ -20,7 +20,7 @@ from typing import Any
 
 from ....engine.core.demand import stream
 from ....engine.core.image import Image, Part, cropped, in_memory
-from ....engine.core.parameters import param
+from ....engine.core.parameters import LARGEST, param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
 from ....engine.errors import ImageError, ParameterError, one_line
@@ -32,7 +32,6 @@ from .pixel_statistics import as_floats, floats, full_rows, over_channels
 # maximum bytes per pixel, measured on images of 1 to 3 megapixels
 _YEE_BYTES = 100
 _FLIP_BYTES = 160
-_LARGEST = (2 - 2**-23) * 2.0**127  # of a 32-bit float
 
 
 @dataclass(frozen=True)
@@ -41,10 +40,10 @@ class Thresholds:
 
     fail: float = 1e-6
     failpercent: float = 0
-    hardfail: float = _LARGEST
+    hardfail: float = LARGEST
     warn: float = 1e-6
     warnpercent: float = 0
-    hardwarn: float = _LARGEST
+    hardwarn: float = LARGEST
 
 
 @dataclass

@@ -67,11 +67,6 @@ class Asked:
         return "// " if self.dump and self.dump.C else ""
 
 
-def metadata_text(image: Image, verbose: bool, native: bool) -> str:
-    """The output of --printinfo: verbose for all parts, else one line on the first."""
-    return "".join(description(image, Asked(verbose=verbose, all_parts=verbose, native=native)))
-
-
 def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]:
     """The description of an image in pieces; `filename` begins that of a file which has just been read."""
     for number, part in enumerate(image.parts if asked.all_parts else image.parts[:1]):

@@ -61,7 +61,7 @@ def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
     """The display of the session's progress; silent after -q, --noprogress and --openjd."""
     display = Display()
     if "--openjd" in command.settings:
-        session.progress = replace(session.progress, tell=_tell_runner)
+        session.progress = replace(session.progress, tell=tell_runner)
         yield display
         return
     if "-q" in command.settings or "--noprogress" in command.settings:
@@ -73,7 +73,7 @@ def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
         yield display
 
 
-def _tell_runner(done: int, total: int) -> None:
+def tell_runner(done: int, total: int) -> None:
     """Print progress in the format of Open Job Description."""
     print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
 

@@ -54,7 +54,8 @@ class Shares:
         keeper, session.resources.keeper = session.resources.keeper, Checkpoint(Path(path))
         try:
             for number, part in enumerate(image.parts):
-                key, cells = self._key(number, part, inputs), _cells(part)
+                key = self._key(number, part, inputs)
+                cells = cells_of(part.window, (part.spec.width, _cell_rows(part)), part.window)
                 mine = cells[len(cells) * (self.number - 1) // self.count : len(cells) * self.number // self.count]
                 for cell, pixels in stream(part, [c for c in mine if not session.resources.keeper.holds(key, c)]):
                     session.resources.keeper.piece(key, cell, lambda: pixels)  # noqa: B023 - called at once
@@ -105,10 +106,6 @@ def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Sha
 def line_of(words: Sequence[str]) -> tuple[str, ...]:
     """The line without options of the farm, as files record it."""
     return without(words, _SPREAD)
-
-
-def _cells(part: Part) -> list[Window]:
-    return cells_of(part.window, (part.spec.width, _cell_rows(part)), part.window)
 
 
 def _cell_rows(part: Part) -> int:

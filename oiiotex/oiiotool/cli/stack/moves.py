@@ -219,17 +219,13 @@ def attach_thumbnail(chain: Chain) -> None:
     small, image = chain.pop(), chain.pop()
 
     def describe(spec: oiio.ImageSpec) -> None:
-        for name, value in zip(("width", "height", "nchannels"), _shape(small.first.spec), strict=True):
-            spec.attribute(f"thumbnail_{name}", value)
+        for name in ("width", "height", "nchannels"):
+            spec.attribute(f"thumbnail_{name}", getattr(small.first.spec, name))
 
     part = small.first
     first = dataclasses.replace(image.first.respecced(describe), thumbnail=lambda: part.buffer(part.window))
     chain.push(Image((first, *image.parts[1:]), image.source))
     chain.unwritten = True
-
-
-def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
-    return spec.width, spec.height, spec.nchannels
 
 
 OPTIONS = (
