@@ -119,7 +119,14 @@ class Rectify(Gather):
             raise ParameterError(parameter="corners", value=self.corners, expected=expected)
         corners = np.array(self.corners, float).reshape(4, 2)
         require_quadrangle(corners)
-        return Plan(self._rectified(corners, None, facts))
+        results = self._rectified(corners, None, facts)
+        part, spec = self.source.first, results["rectified"].spec
+        whole = Window.sized(0, 0, spec.width, spec.height)
+        photo = part.window.shifted(-part.spec.full_x, -part.spec.full_y)
+        if (warp_needs(np.linalg.inv(results["facts"]["matrix"]), whole, 0, photo) & photo).empty:
+            expected = f"an area that the photo shows: x from {photo.left} to {photo.right}, y from {photo.top} to"
+            raise ParameterError(parameter="corners", value=self.corners, expected=f"{expected} {photo.bottom}")
+        return Plan(results)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The rectified first part; the photo is read ahead only to find its perspective."""

@@ -197,6 +197,9 @@ def test_a_photo_without_a_lattice_asks_for_corners():
         ((0, 0, 9, 9, 9, 0, 0, 9), "top left, top right, bottom right, bottom left"),
         ((0, 0, 0, 9, 9, 9, 9, 0), "top left, top right"),  # counterclockwise
         ((0, 0, 5, 0, 9, 0, 0, 9), "top left, top right"),  # three on a line
+        ((0, 0, 1e-9, 0, 1e-9, 1e-9, 0, 1e-9), "top left, top right"),  # without a shape
+        ((20, 0, 40, 0, 40, 9, 20, 9), "shows: x from 0 to 16, y from 0 to 16"),
+        ((1e30, 0, 2e30, 0, 2e30, 1e30, 1e30, 1e30), "at most 65536 px a side"),
     ],
 )
 def test_what_is_no_rectangle_in_perspective_is_refused(corners, text):
