@@ -36,7 +36,7 @@ def require_quadrangle(corners: np.ndarray) -> None:
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
     if not (turns > max(1e-6 * np.abs(sides).max() ** 2, _SMALLEST)).all():
         expected = "top left, top right, bottom right, bottom left of a convex quadrangle"
-        raise ParameterError(parameter="corners", value=Numbers(corners.ravel()), expected=expected)
+        raise ParameterError(parameter="corners", value=Numbers(corners.ravel().tolist()), expected=expected)
 
 
 def homography(corners: np.ndarray, width: float, height: float) -> np.ndarray:
