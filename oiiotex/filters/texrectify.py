@@ -218,7 +218,12 @@ class Rectify(Gather):
             wanted = warp_needs(inverse, window, _FILTER_WIDTH, photo) & photo
             if wanted.empty:
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
-            facts.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
+            need = 8 * spec.nchannels * wanted.width * wanted.height
+            if need > facts.budget // 2 and max(window.size) > 1:  # a small result shows much of a photo
+                across = window.width >= window.height
+                half = (-(-window.width // 2), window.height) if across else (window.width, -(-window.height // 2))
+                return np.concatenate([piece(one) for one in window.cells(*half)], int(across))
+            facts.require(need, self.flag())
             source = oiio.ImageBuf(_floats(wanted, part.spec))
             pixels = np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y))))
             source.set_pixels(source.roi, pixels)

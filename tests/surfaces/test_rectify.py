@@ -246,6 +246,16 @@ def test_a_window_reads_what_it_shows():
     assert sum(w.width * w.height for w in asked) < 200 * 200
 
 
+def test_a_small_result_of_a_large_photo_fits_the_budget():
+    """With the same bits: it is computed in smaller pieces."""
+    gray = np.kron(pictures.smooth_noise(150, 200, 9, 1), np.ones((4, 4)))[..., None] * np.ones(3)
+    corners = (100, 50, 780, 9, 790, 590, 10, 550)
+    whole, pieces = (
+        filters.rectify(buffer(gray), corners=corners, size=(61, 40), session=Session(budget=b << 20)) for b in (256, 4)
+    )
+    np.testing.assert_array_equal(pixels(whole), pixels(pieces))
+
+
 def test_a_narrow_strip_has_no_lattice_and_nothing_else_is_said(capfd):
     strip = np.random.default_rng(1).random((48, 20000, 3), np.float32)
     assert slanted_lattice(strip) is None
