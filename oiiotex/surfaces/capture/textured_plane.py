@@ -124,7 +124,7 @@ def _frequencies() -> np.ndarray:
 def _spectra(lab: np.ndarray, usable: np.ndarray) -> _Spectra | None:
     """Log spectra of overlapping places; None if fewer than enough are valid, or show anything.
 
-    Plain places (a bar, a frame, the background of a logo) are left out: any l that hides them seems to explain much.
+    Plain places (a bar, a frame, the background of a logo) are omitted: any l that hides them seems to explain much.
     """
     from scipy.ndimage import gaussian_filter  # scipy is not loaded before it is needed
 
