@@ -116,10 +116,18 @@ class Rectify(Gather):
             raise ParameterError(parameter="corners", value=self.corners, expected=expected)
         corners = np.array(self.corners, float).reshape(4, 2)
         require_quadrangle(corners)
-        return Plan(self._rectified(corners, None, facts))
+        results = self._rectified(corners, None, facts)
+        part, spec = self.source.first, results["rectified"].spec
+        whole = Window.sized(0, 0, spec.width, spec.height)
+        photo = part.window.shifted(-part.spec.full_x, -part.spec.full_y)
+        if (warp_needs(np.linalg.inv(results["facts"]["matrix"]), whole, 0, photo) & photo).empty:
+            expected = f"an area that the photo shows: x from {photo.left} to {photo.right}, y from {photo.top} to"
+            raise ParameterError(parameter="corners", value=self.corners, expected=f"{expected} {photo.bottom}")
+        return Plan(results)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The rectified first part; the photo is read ahead only to find its perspective."""
+        self.say_what_stays()
         if plan.results is not None:
             results: dict[str, Any] = plan.results
             return results
@@ -207,7 +215,12 @@ class Rectify(Gather):
             wanted = warp_needs(inverse, window, _FILTER_WIDTH, photo) & photo
             if wanted.empty:
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
-            facts.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
+            need = 8 * spec.nchannels * wanted.width * wanted.height
+            if need > facts.budget // 2 and max(window.size) > 1:  # a small result shows much of a photo
+                across = window.width >= window.height
+                half = (-(-window.width // 2), window.height) if across else (window.width, -(-window.height // 2))
+                return np.concatenate([piece(one) for one in window.cells(*half)], int(across))
+            facts.require(need, self.flag())
             source = oiio.ImageBuf(_floats(wanted, part.spec))
             pixels = np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y))))
             source.set_pixels(source.roi, pixels)

@@ -25,6 +25,11 @@ from ..engine.session.resources import Resources
 from .python_types import ImageLike, ResultBuf
 from .signatures import docstring, replaceable, signature
 
+_COMMON: dict[str, tuple[type | tuple[type, ...], str]] = {  # keywords of all functions, of these types or None
+    "colorspace": (str, "the name of a color space"), "roi": (oiio.ROI, "an OpenImageIO.ROI"),
+    "nthreads": (int, "a number of threads"), "session": (Session, "a Session"),
+    "as_array": ((bool, np.bool_), "True or False"),
+}  # fmt: skip
 _MOST_CHANNELS = 64  # of an image with few rows; an array of that shape has its channels first
 
 if "IPython" in sys.modules and (_shell := sys.modules["IPython"].get_ipython()):
@@ -50,9 +55,11 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
         as_array: bool = False,
         **values: Any,
     ) -> Any:
-        session = session or Session(threads=nthreads)
+        common = (("colorspace", colorspace), ("roi", roi), ("nthreads", nthreads), ("session", session))
         try:
             with errors_of(op):
+                _require_types(*common, ("as_array", as_array))
+                session = session or Session(threads=nthreads)
                 bound = _bound(op, images, values, colorspace, session.resources)
                 results, failed = session.resources.on_a_device(lambda: _results_of(bound, session, roi, as_array))
         except Error as error:
@@ -67,6 +74,14 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     function.__doc__ = docstring(op)
     function.__signature__ = signature(op)  # type: ignore[attr-defined]
     return function
+
+
+def _require_types(*given: tuple[str, Any]) -> None:
+    """Refuse keywords of all functions that are of a wrong type."""
+    for name, value in given:
+        kinds, expected = _COMMON[name]
+        if value is not None and not isinstance(value, kinds):
+            raise ParameterTypeError(parameter=name, value=value, expected=f"{expected}, not {type(value).__name__}")
 
 
 def _bound(

@@ -202,9 +202,14 @@ def test_a_wrong_type_is_a_type_error():
         ({"sigma": "20"}, "stationarize: sigma='20': expected a number from 0.5 to 1000000 px, not str"),
         ({"sgima": 20}, "stationarize: unknown parameter 'sgima', did you mean 'sigma'?"),
         ({"kinds": "color"}, "stationarize: kinds='color': expected a sequence of strings, not str"),
+        ({"colorspace": 5}, "stationarize: colorspace=5: expected the name of a color space, not int"),
+        ({"session": 5}, "stationarize: session=5: expected a Session, not int"),
+        ({"nthreads": "2"}, "stationarize: nthreads='2': expected a number of threads, not str"),
+        ({"roi": (0, 9)}, "stationarize: roi=(0, 9): expected an OpenImageIO.ROI, not tuple"),
+        ({"as_array": "no"}, "stationarize: as_array='no': expected True or False, not str"),
     ):
         with pytest.raises(TypeError) as caught:
-            filters.stationarize(PHOTO, colorspace=SRGB, **wrong)
+            filters.stationarize(PHOTO, **({"colorspace": SRGB} | wrong))
         assert str(caught.value) == said and isinstance(caught.value, oiiotex.Error)
 
 

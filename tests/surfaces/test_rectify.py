@@ -197,6 +197,9 @@ def test_a_photo_without_a_lattice_asks_for_corners():
         ((0, 0, 9, 9, 9, 0, 0, 9), "top left, top right, bottom right, bottom left"),
         ((0, 0, 0, 9, 9, 9, 9, 0), "top left, top right"),  # counterclockwise
         ((0, 0, 5, 0, 9, 0, 0, 9), "top left, top right"),  # three on a line
+        ((0, 0, 1e-9, 0, 1e-9, 1e-9, 0, 1e-9), "top left, top right"),  # without a shape
+        ((20, 0, 40, 0, 40, 9, 20, 9), "shows: x from 0 to 16, y from 0 to 16"),
+        ((1e30, 0, 2e30, 0, 2e30, 1e30, 1e30, 1e30), "at most 65536 px a side"),
     ],
 )
 def test_what_is_no_rectangle_in_perspective_is_refused(corners, text):
@@ -217,6 +220,16 @@ def test_ids_are_not_resampled():
         run(Rectify(source=ids, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
 
 
+def test_further_parts_are_not_lost_silently(caplog):
+    image = from_buffer(buffer(pictures.moss(16, 16, 1)))
+    two = replace(image, parts=(image.first, replace(image.first, name="normals")))
+    run(Rectify(source=two, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
+    assert caplog.messages[0].endswith("is used; ignored: normals")
+    caplog.clear()
+    run(Rectify(source=image, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
+    assert not caplog.messages
+
+
 def test_a_window_reads_what_it_shows():
     """Of a photo of 16384 x 16384 a small window needs a small part, in a small budget."""
     asked: list[Window] = []
@@ -231,6 +244,16 @@ def test_a_window_reads_what_it_shows():
     assert asked == []
     assert (part.read(Window(8000, 8000, 8100, 8060)) == 128).all()
     assert sum(w.width * w.height for w in asked) < 200 * 200
+
+
+def test_a_small_result_of_a_large_photo_fits_the_budget():
+    """With the same bits: it is computed in smaller pieces."""
+    gray = np.kron(pictures.smooth_noise(150, 200, 9, 1), np.ones((4, 4)))[..., None] * np.ones(3)
+    corners = (100, 50, 780, 9, 790, 590, 10, 550)
+    whole, pieces = (
+        filters.rectify(buffer(gray), corners=corners, size=(61, 40), session=Session(budget=b << 20)) for b in (256, 4)
+    )
+    np.testing.assert_array_equal(pixels(whole), pixels(pieces))
 
 
 def test_a_narrow_strip_has_no_lattice_and_nothing_else_is_said(capfd):

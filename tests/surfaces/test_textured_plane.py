@@ -84,6 +84,15 @@ def test_stones_of_two_sizes_prove_nothing():
     assert textured_plane(np.float32(100) * np.where(share > 0, large[:240, :320], small[:240, :320])) is None
 
 
+@pytest.mark.parametrize("what", ["nothing", "a dot", "a corner"])
+def test_objects_on_a_plain_background_show_nothing(what):
+    """Of l that moves all but few places out of sight, the rest is alike."""
+    y, x = np.mgrid[:240, :320]
+    shown = {"nothing": x < 0, "a dot": np.hypot(x - 100, y - 60) < 9, "a corner": (x < 60) & (y < 50)}[what]
+    light = 40 + 40 * shown + np.random.default_rng(1).normal(0, 0.1, x.shape) * (what == "a dot")
+    assert textured_plane(np.repeat(light[..., None], 3, -1).astype(np.float32)) is None
+
+
 def test_too_few_valid_pixels_show_nothing():
     seen = 100 * shot(ashlar(), 0.0, -0.7)[0]
     opaque = np.zeros(seen.shape[:2], bool)

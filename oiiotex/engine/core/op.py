@@ -260,6 +260,15 @@ class Op:
         """Log a warning with its name."""
         log.warning(f"%s: {text}", cls.flag(), *values)
 
+    def say_what_stays(self, used: Iterable[Any] = ()) -> None:
+        """Warn about further parts of its first image that it neither uses nor carries."""
+        image = getattr(self, self.images()[0].attribute)
+        known = {id(part) for slot, one in self.given() if not slot.required for part in one.parts}
+        known |= {id(part) for part in used}
+        lost = [part.name for part in image.parts[1:] if id(part) not in known]
+        if lost:
+            self.warn("only the first part of %s is used; ignored: %s", image.source, ", ".join(lost))
+
     @classmethod
     def arguments(cls) -> tuple[Parameter, ...]:
         """The positional parameters, which follow the op."""

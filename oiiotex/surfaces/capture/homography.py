@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 
+from ...engine.core.parameters import Numbers
 from ...engine.deferred import np
 from ...engine.errors import ParameterError
 
 _FOCAL = 0.5, 20.0  # in longer sides of the photo: lenses from 90 to 3 degrees of view
 USUAL_LENS = 1.0  # in longer sides of the photo: 36 mm equivalent, between a phone's and a standard lens
+_SMALLEST = 1e-3  # px^2; least area
 _PARALLEL = 1e-3  # sides that meet beyond a thousand times the photo's side do not determine the lens
 
 
@@ -27,15 +29,14 @@ def require_quadrangle(corners: np.ndarray) -> None:
     Raises
     ------
     ParameterError
-        They are not in that order around a convex quadrangle.
+        They are not in that order around a convex quadrangle, or it is too small to have a shape.
     """
     sides = np.roll(corners, -1, 0) - corners
     after = np.roll(sides, -1, 0)
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
-    if not (turns > 1e-6 * np.abs(sides).max() ** 2).all():
-        raise ParameterError(
-            parameter="corners", expected="top left, top right, bottom right, bottom left of a convex quadrangle"
-        )
+    if not (turns > max(1e-6 * np.abs(sides).max() ** 2, _SMALLEST)).all():
+        expected = "top left, top right, bottom right, bottom left of a convex quadrangle"
+        raise ParameterError(parameter="corners", value=Numbers(corners.ravel().tolist()), expected=expected)
 
 
 def homography(corners: np.ndarray, width: float, height: float) -> np.ndarray:

@@ -27,6 +27,7 @@ _RADII, _TURNS = 8, 8  # frequencies from the front
 _BAND = 0.04, 0.25  # cycles per px, their range from the front
 _SEEN = 3.0, 0.35  # cycles per window, and cycles per px: range of frequencies that a place can show
 _OPAQUE = 0.99  # least mean alpha of a place
+_PLAIN = 0.7, 0.5  # least standard deviation of a place, CIE Lab (photos: 1.8 or more), and least share of such places
 _STEEPEST, _FIRST, _FINEST = 0.8, 0.2, 0.0125  # of l, times the photo's sides: range and steps
 _NEAREST = 0.12  # least 1 + l x in the photo
 _COMPARED = 0.35  # least share of frequencies that are seen
@@ -121,7 +122,10 @@ def _frequencies() -> np.ndarray:
 
 
 def _spectra(lab: np.ndarray, usable: np.ndarray) -> _Spectra | None:
-    """Log spectra of overlapping places; None if fewer than enough are valid."""
+    """Log spectra of overlapping places; None if fewer than enough are valid, or show anything.
+
+    Plain places (a bar, a frame, the background of a logo) are omitted: any l that hides them seems to explain much.
+    """
     from scipy.ndimage import gaussian_filter  # scipy is not loaded before it is needed
 
     values = lab.astype(np.float64) - lab.mean((0, 1))
@@ -131,15 +135,18 @@ def _spectra(lab: np.ndarray, usable: np.ndarray) -> _Spectra | None:
     lines, columns = (np.linspace(0, n - side, max(2, round((n - side) / _STEP) + 1)).astype(int) for n in light.shape)
     taper = np.hanning(side + 2)[1:-1]
     window = taper[:, None] * taper
-    powers, places = [], []
+    powers, places, plain = [], [], 0
     for top in lines:
         for left in columns:
             at = np.s_[top : top + side, left : left + side]
             if usable[at].mean() >= _OPAQUE:
                 piece = (light[at] - (light[at] * window).sum() / window.sum()) * window
+                if (piece**2).sum() < _PLAIN[0] ** 2 * (window**2).sum():
+                    plain += 1
+                    continue
                 powers.append(np.fft.fftshift(np.abs(np.fft.fft2(piece)) ** 2))
                 places.append((left + (side - width) / 2, top + (side - height) / 2))
-    if len(places) < 2 * _PLACES[0]:
+    if len(places) < max(2 * _PLACES[0], _PLAIN[1] * (len(places) + plain)):
         return None
     power = gaussian_filter(np.array(powers), (0, 1, 1))
     return _Spectra(np.log(power + 1e-9 * power.mean() + 1e-12), np.array(places), side)
