@@ -87,6 +87,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
         session.resources.forget_scanned(*op.scanned())
         made = _Runner(op, session, files, provenance).results(results, sources)
+        op.say_what_stays({part.name for result in made for part in result.image.parts})
     written.update(os.path.realpath(path) for path in files.values())
     return made
 

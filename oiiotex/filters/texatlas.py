@@ -126,7 +126,6 @@ class Atlas(MaterialOp, Whole):
             source, face = synthesize(
                 fine, frames, size, levels, self.seed, present(self.mesh).name, resources, progress.advance
             )
-        self.say_what_stays()
 
         def copied(one: Part, kind: str) -> dict[str, Any]:
             parts = source.parts("atlas", one)

@@ -112,7 +112,6 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
             source = graph_cut(
                 seen.values, seen.usable, layout, resources.budget, progress.advance, in_step, resources.spread
             )
-        self.say_what_stays()
         held = self.holds_photo(resources)
         photo = self.in_any_order(self.exemplar.first, held)
         quality = quality.during(resources, progress)

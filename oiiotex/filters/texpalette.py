@@ -114,7 +114,6 @@ class Palette(LabeledExemplar, InBands):
             source.packed[place] = swatch.packed
             entry["box"] = [box.left, box.top, box.width, box.height]
             progress.advance(n + 1, len(boxes))
-        self.say_what_stays()
         table = {"level": labels.level, "labels": shown, "finer": below}
         paints = [Swatch(entry["name"], *map(int, entry["color"].split(","))) for entry in (*shown, *below)]
         copied = source.parts("palette", self.in_any_order(photo, in_memory), by_rows=not in_memory)

@@ -127,7 +127,6 @@ class Rectify(Gather):
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The rectified first part; the photo is read ahead only to find its perspective."""
-        self.say_what_stays()
         if plan.results is not None:
             results: dict[str, Any] = plan.results
             return results

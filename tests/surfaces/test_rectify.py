@@ -220,16 +220,6 @@ def test_ids_are_not_resampled():
         run(Rectify(source=ids, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
 
 
-def test_further_parts_are_not_lost_silently(caplog):
-    image = from_buffer(buffer(pictures.moss(16, 16, 1)))
-    two = replace(image, parts=(image.first, replace(image.first, name="normals")))
-    run(Rectify(source=two, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
-    assert caplog.messages[0].endswith("is used; ignored: normals")
-    caplog.clear()
-    run(Rectify(source=image, corners=(0, 0, 9, 0, 9, 9, 0, 9)), Session())
-    assert not caplog.messages
-
-
 def test_a_window_reads_what_it_shows():
     """Of a photo of 16384 x 16384 a small window needs a small part, in a small budget."""
     asked: list[Window] = []

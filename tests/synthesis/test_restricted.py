@@ -181,7 +181,7 @@ def test_parts_that_stay_are_said_in_one_line_and_labels_are_not(caplog):
         assert not caplog.records
         filters.cut({**parts, **more}, mask="m", label=1, size=(40, 40))
     assert [r.getMessage() for r in caplog.records] == [
-        "--texcut: only the first part of photo is used; ignored: depth, normals"
+        "--texcut: photo: further parts are not in the result: depth, normals"
     ]
 
 

@@ -11,7 +11,7 @@ import contextlib
 import enum
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FunctionType
@@ -260,14 +260,22 @@ class Op:
         """Log a warning with its name."""
         log.warning(f"%s: {text}", cls.flag(), *values)
 
-    def say_what_stays(self, used: Iterable[Any] = ()) -> None:
-        """Warn about further parts of its first image that it neither uses nor carries."""
-        image = getattr(self, self.images()[0].attribute)
-        known = {id(part) for slot, one in self.given() if not slot.required for part in one.parts}
-        known |= {id(part) for part in used}
-        lost = [part.name for part in image.parts[1:] if id(part) not in known]
-        if lost:
-            self.warn("only the first part of %s is used; ignored: %s", image.source, ", ".join(lost))
+    def used_parts(self) -> tuple[Any, ...]:
+        """Parts that it uses: by default those of optional images, which may be parts of the first one."""
+        return tuple(part for slot, one in self.given() if not slot.required for part in one.parts)
+
+    def say_what_stays(self, made: Collection[str]) -> None:
+        """Warn about further parts of its first images that it neither uses nor has in a result of one of those names.
+
+        A picture of an image, or a measure of it, is not expected to have them.
+        """
+        if self.main().kind is not Kind.PIXELS or not self.images():
+            return
+        images, used = getattr(self, self.images()[0].attribute), set(map(id, self.used_parts()))
+        for image in images if isinstance(images, tuple) else (images,):
+            lost = [part.name for part in image.parts[1:] if id(part) not in used and part.name not in made]
+            if lost:
+                self.warn("%s: further parts are not in the result: %s", image.source, ", ".join(lost))
 
     @classmethod
     def arguments(cls) -> tuple[Parameter, ...]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -123,10 +123,10 @@ class LabeledExemplar(Op):
             raise ImageError(f"mask and label have no pixel of {self.exemplar.source} in common")
         return allowed
 
-    def say_what_stays(self, used: Iterable[Part] = ()) -> None:
-        """Warn about parts of the exemplar that are dropped, other than labels, masks and maps of ids."""
-        ids = [part for part in self.exemplar.parts if part.exact]
-        super().say_what_stays([*used, *ids, *(one.part for one in label_maps(self.exemplar).values())])
+    def used_parts(self) -> tuple[Part, ...]:
+        """Also labels, and maps of ids."""
+        ids = (part for part in self.exemplar.parts if part.exact)
+        return (*super().used_parts(), *ids, *(one.part for one in label_maps(self.exemplar).values()))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -246,7 +246,6 @@ class SynthesisRun:
         quality = _measures_of(self._quality, self._lattice, recipe)
         say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
-        op.say_what_stays()
         if evening is not None:
             run._maps[0] = _in_any_order(run._maps[0], self._in_memory)
         first, *others = run._with_heights(run._tiles(source), source)
@@ -386,7 +385,6 @@ class SynthesisRun:
                 kept = fidelity_of(self._judged_photo(), plane, replace(recipe, wrap_x=True, wrap_y=True))
             say_fidelity(op.flag(), kept, recipe.scales, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
-        op.say_what_stays()
         shared = shared_pixels(plane, op.variants, recipe.patch) if op.relevel else None
         material = self._with_heights(self._tiles(plane), plane, shared)
         if op.pack:

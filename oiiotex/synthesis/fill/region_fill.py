@@ -111,7 +111,6 @@ class RegionFill:
             )
         zone = grown(self._marked, op.seamzone)
         filling = self._filled(zone, progress)
-        op.say_what_stays()
         first, *others = self._parts(filling)
         if not self._measured:  # otherwise they are among the measures
             for grade, _, sentence in (line.partition(": ") for line in verdicts(filling.measures)):

@@ -146,9 +146,6 @@ class Multiscale(InLab, Reported, AnyWindow):
         """
         if self.keeplayout:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
-        for given in images:
-            for part in given.parts[1:]:
-                self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
             "side": self.most_side,
             "dims": 6 if self.paper else 16,

@@ -292,15 +292,9 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
     labels = {one.part.name for one in label_maps(op.exemplar).values()}
     for part in op.exemplar.parts[1:]:
         alike = (part.spec.width, part.spec.height) == (source.spec.width, source.spec.height)
-        if part.name in labels:
+        if part.name in labels and alike:
             like = derived_spec(part.spec, *size)
-            sewn |= (
-                {part.name: functools.partial(sources.copied, op.in_any_order(part, not by_rows), like)}
-                if alike
-                else {}
-            )
-        else:
-            op.warn("part '%s' of %s is dropped", part.name, op.exemplar.source)
+            sewn[part.name] = functools.partial(sources.copied, op.in_any_order(part, not by_rows), like)
     return sewn
 
 
