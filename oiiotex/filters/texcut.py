@@ -56,7 +56,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         help="Side of a patch. Increase it to preserve larger structures.",
     )
     passes: int = param(
-        1,
+        0,
         ge=0,
         le=100,
         help="Number of refinement passes. Each pass adds as many patches as the first fill, over the most visible"

@@ -94,7 +94,7 @@ def test_the_cut_is_the_cheapest_of_all(seed):
     patch = index + offset_b[:, None, None]
     filled = random.random(shape) < 0.8
     covers = random.random(shape) < 0.85
-    taken = seams.cut(source, places, filled, patch, covers)
+    taken = seams.cut(seams.crossing_costs(source, places, filled, patch, covers), filled, covers)
     free = np.argwhere(filled & covers)
     best, found = np.inf, []
     for choice in itertools.product((False, True), repeat=len(free)):

@@ -172,7 +172,8 @@ class OffsetSearch:
 def _spectra(lab: np.ndarray, mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Spectra, padded to that shape, of a mask, of the masked colors, and of the squares of their lengths: (5, ...)."""
     weight, values = mask.astype(np.float64), np.moveaxis(lab.astype(np.float64), -1, 0)
-    return fft.rfft2(np.stack([weight, *(weight * values), weight * (values**2).sum(0)]), shape)
+    planes = np.stack([weight, *(weight * values), weight * (values**2).sum(0)])
+    return fft.fft(fft.rfft(planes, shape[1]), shape[0], axis=-2)  # rows that are padded are zero before and after
 
 
 def _differences(exemplar: np.ndarray, patch: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
