@@ -59,6 +59,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         0,
         ge=0,
         le=100,
+        example="1",
         help="Number of refinement passes. Each pass adds as many patches as the first fill, over the most visible"
         " seams. Increase it if seams are visible.",
     )

@@ -27,7 +27,7 @@ from ...engine.core.source_map import NONE, SourceMap
 from ...engine.core.window import Domain
 from ..patchmatch.field import hash_at
 from .photo import Laid, Photo, held_bytes
-from .seams import EdgeCosts, SeamPhoto, crossing_costs, cut, overlap_cost, seam_costs
+from .seams import PatchCut, SeamPhoto, crossing_costs, seam_costs
 from .search import OffsetSearch, search_factor
 
 OVERLAP = 3  # distance between patches of the first layer: 2/3 of their side
@@ -222,15 +222,18 @@ class _Canvas:
         return [offsets[(first + n) % len(offsets)]() for n in range(min(TRIES, len(offsets)))]
 
     def _joined(self, seen: _Seen, tried: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-        """The patch whose overlap costs the least, and the pixels that it takes."""
+        """The patch whose seams cost the least for each pixel that it fills, and the pixels that it takes."""
 
-        def priced(offset: tuple[int, int]) -> tuple[float, np.ndarray, np.ndarray, list[EdgeCosts]]:
+        def priced(offset: tuple[int, int]) -> tuple[float, np.ndarray, PatchCut]:
             patch, covers = self._covered(offset, seen.inside)
-            costs = crossing_costs(self._source, seen.places, seen.filled, patch, covers)
-            return overlap_cost(costs, seen.filled, covers), patch, covers, costs
+            joint = PatchCut.of(
+                crossing_costs(self._source, seen.places, seen.filled, patch, covers), seen.filled, covers
+            )
+            cost = joint.estimate() if len(tried) > 1 else 0
+            return cost / max(1, int(np.count_nonzero(joint.new))), patch, joint
 
-        _, patch, covers, costs = min(map(priced, tried), key=operator.itemgetter(0))
-        return patch, cut(costs, seen.filled, covers, exact=False)
+        _, patch, joint = min(map(priced, tried), key=operator.itemgetter(0))
+        return patch, joint.banded()
 
     def close_holes(self) -> None:
         """Place patches around uncovered pixels, at most as many as there are sites, then single pixels.

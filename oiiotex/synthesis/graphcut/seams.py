@@ -11,6 +11,7 @@ two pixels that arcs can represent without a node.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,6 +25,7 @@ MOST_COST = 1 << 13  # per edge; sums over a patch of 512 x 512 stay below 2^31
 _FLOOR = 8.0  # grid steps added to gradients: else small differences in flat areas would have unbounded costs
 NEIGHBORS = ((0, 1), (1, 0))  # (y, x) from a pixel to its neighbor along an edge
 LARGE = 1024  # pixels, from which on a cut may be made from coarse to fine
+FEW = 256  # pixels, at most, of a cut by which placements are compared
 BAND = 4  # px to each side of a coarse border, in which it is cut
 
 
@@ -150,56 +152,89 @@ def crossing_costs(
         jumps = [(at[:, *s] + np.reshape(step, (2, 1, 1)) != at[:, *t]).any(0) for at in (places, patch)]
         gradient = 2.0 * (lengths(old[s] - old[t]) + lengths(fresh[s] - fresh[t])) + _FLOOR
         plain = np.where(same[s], 0, _ratio(apart[s] + apart[t], gradient))
-        costs = []
-        for a, b, exist, jump in (
-            (places, places, filled[s] & filled[t], jumps[0]),
-            (places, patch, filled[s] & covers[t], jumps[0] | jumps[1]),
-            (patch, places, covers[s] & filled[t], jumps[0] | jumps[1]),
-        ):
-            cost, seam = np.zeros_like(plain) if a is b else np.where(exist, plain, 0), exist & jump
-            cost[seam] = source.costs(a[:, *s][:, seam], b[:, *t][:, seam], step)
-            costs.append(cost)
-        every.append(EdgeCosts(*costs))
+        both_old, jump = np.zeros_like(plain), jumps[0] | jumps[1]
+        t_new, s_new = (np.where(exist, plain, 0) for exist in (filled[s] & covers[t], covers[s] & filled[t]))
+        seams = (
+            (both_old, places, places, jumps[0] & filled[s] & filled[t]),
+            (t_new, places, patch, jump & filled[s] & covers[t]),
+            (s_new, patch, places, jump & covers[s] & filled[t]),
+        )
+        begins, ends = (
+            np.concatenate([seam[n][:, *at][:, seam[3]] for seam in seams], 1) for n, at in ((1, s), (2, t))
+        )
+        found = iter(np.split(source.costs(begins, ends, step), np.cumsum([seam[3].sum() for seam in seams])))
+        for costs, _, _, edges_there in seams:
+            costs[edges_there] = next(found)
+        every.append(EdgeCosts(both_old, t_new, s_new))
     return every
 
 
-def overlap_cost(costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> float:
-    """Mean cost of a seam across an edge where a patch overlaps with what is there; `costs`: as `crossing_costs`."""
-    overlap, total, count = filled & covers, 0, 0
-    for step, (_, t_new, s_new) in zip(NEIGHBORS, costs, strict=True):
-        s, t = ends_of(step)
-        pair = overlap[s] & overlap[t]
-        total, count = total + int((t_new + s_new)[pair].sum()), count + int(np.count_nonzero(pair))
-    return total / max(1, count)
+def cut(costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> np.ndarray:
+    """A mask of the pixels of a window that a new patch replaces, at the least cost: see `PatchCut`."""
+    made = PatchCut.of(costs, filled, covers)
+    return made.new | made.grid.chosen()
 
 
-def cut(costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray, exact: bool = True) -> np.ndarray:
-    """A mask of the pixels of a window that a new patch replaces.
+@dataclass(frozen=True)
+class PatchCut:
+    """What it costs to take pixels of a new patch in a window.
 
-    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept. If not `exact`, large cuts
-    are made from coarse to fine (`GridCut.in_band`).
+    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept.
 
-    `costs`: as `crossing_costs`; `filled`, `covers` (h, w) bool; returns (h, w) bool.
+    Attributes
+    ----------
+    new : (h, w) bool
+        The unfilled pixels that take the patch.
+    kept : int
+        Cost of all seams if no other pixel takes it.
+    grid : GridCut
+        The pixels that may take it.
     """
-    new, free = covers & ~filled, covers & filled
-    if not free.any():
-        return new
-    lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
-    arcs = []
-    for step, (both_old, t_new, s_new) in zip(NEIGHBORS, costs, strict=True):
-        s, t = ends_of(step)
-        for fixed, other, kept, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
-            lean[other] += np.where(new[fixed], -kept, np.where(covers[fixed], 0, change - both_old))
-        pair = free[s] & free[t]
-        node = np.where(pair, np.minimum(both_old, t_new + s_new), 0)  # cost of a seam node
-        # the cost of keeping both pixels is split so that arcs in both directions are as equal as possible: most pixels
-        # then have no terminal arc, and a flow has little to cancel
-        of_t = np.where(pair, np.clip(-(node // 2), -s_new, t_new - node), 0)
-        lean[s] -= node + of_t
-        lean[t] += of_t
-        arcs.append((np.where(pair, t_new - node - of_t, 0), np.where(pair, s_new + of_t, 0)))
-    whole = GridCut(free, lean, arcs)
-    return new | (whole.chosen() if exact else whole.in_band(new))
+
+    new: np.ndarray
+    kept: int
+    grid: GridCut
+
+    @classmethod
+    def of(cls, costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> PatchCut:
+        """`costs`: as `crossing_costs`; `filled`, `covers` (h, w) bool: where pixels exist, and the patch has some."""
+        new, free = covers & ~filled, covers & filled
+        lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
+        kept, arcs = 0, []
+        for step, (both_old, t_new, s_new) in zip(NEIGHBORS, costs, strict=True):
+            s, t = ends_of(step)
+            for fixed, other, if_kept, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
+                lean[other] += np.where(new[fixed], -if_kept, np.where(covers[fixed], 0, change - both_old))
+                kept += int(if_kept[new[fixed]].sum())
+            pair = free[s] & free[t]
+            node = np.where(pair, np.minimum(both_old, t_new + s_new), 0)  # cost of a seam node
+            kept += int(node.sum()) + int(both_old[~pair].sum())
+            # the cost of keeping both pixels is split so that arcs in both directions are as equal as possible: most
+            # pixels then have no terminal arc, and a flow has little to cancel
+            of_t = np.where(pair, np.clip(-(node // 2), -s_new, t_new - node), 0)
+            lean[s] -= node + of_t
+            lean[t] += of_t
+            arcs.append((np.where(pair, t_new - node - of_t, 0), np.where(pair, s_new + of_t, 0)))
+        return cls(new, kept, GridCut(free, lean, arcs))
+
+    def estimate(self) -> int:
+        """Cost of all seams after the best cut of a grid of few pixels."""
+        grid = self.grid
+        while np.count_nonzero(grid.free) > FEW:
+            grid = grid.half
+        return self.kept + grid.cost(grid.chosen())
+
+    def banded(self) -> np.ndarray:
+        """The pixels that are taken, (h, w) bool, cut from coarse to fine: Lombaert, Sun, Grady, Xu 2005.
+
+        A large grid is first solved at half its size, then in a band around the borders found.
+        """
+        grid = self.grid
+        if np.count_nonzero(grid.free) < LARGE:
+            return self.new | grid.chosen()
+        height, width = self.new.shape
+        guess = grid.half.chosen().repeat(2, 0).repeat(2, 1)[:height, :width] & grid.free
+        return self.new | grid.within(near_border(guess | self.new, BAND) & grid.free, guess)
 
 
 @dataclass(frozen=True)
@@ -289,18 +324,12 @@ def minimum_cut(count: int, pairs: list[GridEdges], lean: np.ndarray) -> np.ndar
     return ones[:count]
 
 
-def grown(mask: np.ndarray, by: int) -> np.ndarray:
-    """A mask, (h, w) bool, with all pixels that are at most `by` px away along both axes."""
-    for axis in (0, 1):
-        margins = [(by * (n == axis),) * 2 for n in (0, 1)]
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis)
-        mask = np.logical_or.reduce(windows, -1)
-    return mask
-
-
 def near_border(choice: np.ndarray, by: int) -> np.ndarray:
-    """The pixels at most `by` px from the border of a choice, (h, w) bool each."""
-    return grown(choice, by) & grown(~choice, by)
+    """The pixels at most `by` px along both axes from the border of a choice, (h, w) bool each."""
+    from scipy import ndimage  # slow to import
+
+    side = 2 * by + 1
+    return np.asarray(ndimage.maximum_filter(choice, side) != ndimage.minimum_filter(choice, side))
 
 
 @dataclass(frozen=True)
@@ -335,18 +364,16 @@ class GridCut:
             costs.append(GridEdges(s, t, begins[at], ends[at]))
         return chosen(band, choice, self.lean.flatten(), costs)
 
-    def in_band(self, fixed: np.ndarray) -> np.ndarray:
-        """As `chosen`, but a large grid is first solved at half its size, then in a band around the borders found.
+    def cost(self, choice: np.ndarray) -> int:
+        """What a choice costs."""
+        total = int(self.lean[self.free & choice].sum())
+        for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
+            s, t = ends_of(step)
+            total += int(begins[choice[t] & ~choice[s]].sum()) + int(ends[choice[s] & ~choice[t]].sum())
+        return total
 
-        `fixed` (h, w) bool: other pixels that are chosen.
-        """
-        if np.count_nonzero(self.free) < LARGE:
-            return self.chosen()
-        height, width = self.free.shape
-        guess = self._halved().chosen().repeat(2, 0).repeat(2, 1)[:height, :width] & self.free
-        return self.within(near_border(guess | fixed, BAND) & self.free, guess)
-
-    def _halved(self) -> GridCut:
+    @functools.cached_property
+    def half(self) -> GridCut:
         """Of squares of 2 x 2 pixels. The border between two may lie between them, or inside the first: the cheaper."""
 
         def pooled(values: np.ndarray, fold: np.ufunc) -> np.ndarray:
