@@ -32,7 +32,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
     are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
-    A visible seam is covered by a further patch. With label=3, only pixels of label 3 are used (LSA16:
+    With passes=1, further patches cover visible seams. With label=3, only pixels of label 3 are used (LSA16:
     Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
     """

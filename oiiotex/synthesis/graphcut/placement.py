@@ -3,11 +3,12 @@
 
 Patches contain allowed pixels only (LSA16 §5.2).
 
-First every site of a grid gets a patch that fits its surroundings. Then patches are placed over the worst seams. Such a
-patch is kept only if the seams become cheaper, so refinement never makes them worse.
+First every site of a grid gets a patch that fits its surroundings. Each pass of refinement places patches over the worst
+seams. Such a patch is kept only if the seams become cheaper, so refinement never makes them worse.
 
 Departures from KSE03: the sum of squared differences of a placement (their eq. 4) is computed in integers, so that
-rounding decides nothing. Instead of a probability (their eq. 5) a hash chooses among the few best distinct placements.
+rounding decides nothing. Instead of a probability (their eq. 5) a hash chooses two of the few best distinct placements.
+The one with the cheaper coarse cut is taken.
 Offsets that are already present are skipped, because they would continue the exemplar verbatim.
 """
 
