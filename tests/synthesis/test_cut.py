@@ -94,7 +94,8 @@ def test_the_cut_is_the_cheapest_of_all(seed):
     patch = index + offset_b[:, None, None]
     filled = random.random(shape) < 0.8
     covers = random.random(shape) < 0.85
-    taken = seams.cut(seams.crossing_costs(source, places, filled, patch, covers), filled, covers)
+    costs = seams.crossing_costs(source, places, filled, patch, covers)
+    taken = seams.cut(costs, filled, covers)
     free = np.argwhere(filled & covers)
     best, found = np.inf, []
     for choice in itertools.product((False, True), repeat=len(free)):
@@ -104,9 +105,39 @@ def test_the_cut_is_the_cheapest_of_all(seed):
         found += [(cost, tried)]
         best = min(best, cost)
     assert with_seam_nodes(source.lab, places, filled, patch, covers, taken) == best
+    assert seams.PatchCut.of(costs, filled, covers).estimate() == best
     # of several, the one with the most new pixels, so that libraries cannot differ
     assert taken.sum() == max(tried.sum() for cost, tried in found if cost == best)
     assert (taken[covers & ~filled]).all() and not taken[~covers].any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_costs_across_edges_are_those_of_each_way(seed):
+    """Also at old seams, at seams inside of the patch, where both agree, and beyond the photo."""
+    source, random = random_source(seed=seed), np.random.default_rng(seed)
+    places, patch = (np.indices((9, 11)) + random.integers(-3, 18, (2, 1, 1)) for _ in range(2))
+    if seed % 2:
+        patch = places.copy()
+        patch[:, 4:] -= 1
+    places[:, :, 6:] += 3
+    filled, covers = (random.random((9, 11)) < 0.8 for _ in range(2))
+    old, new = (places, filled), (patch, covers)
+    expected = zip(*(seams.seam_costs(source, *each) for each in (old, (*old, *new), (*new, *old))), strict=True)
+    for made, plain in zip(seams.crossing_costs(source, *old, *new), expected, strict=True):
+        for one, other in zip(made, plain, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_of_two_placements_the_one_whose_seams_cost_less_is_taken():
+    lab = np.random.default_rng(2).random((90, 90, 3), np.float32) * 60
+    lab[:, 45:] = lab[:, :45]
+    photo = Photo.of(lab, None, 1 << 30)
+    canvas = gc._Canvas(photo, layout(height=64, width=64, patch=40), 1 << 30, None)
+    canvas.lay(0, 0, 40, 0, (0, 0))
+    seen = canvas._seen(0, 20, 40)
+    for offsets in ([(7, 31), (0, 20)], [(0, 20), (7, 31)]):  # the second continues the first patch
+        patch, taken = canvas._joined(seen, offsets)
+        assert tuple(patch[:, 1, 1]) == (0, 20) and taken[1:-1, 25:-1].all()
 
 
 def test_seam_costs_are_those_of_the_edges():

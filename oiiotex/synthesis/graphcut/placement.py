@@ -3,7 +3,7 @@
 
 Patches contain allowed pixels only (LSA16 §5.2).
 
-First every site of a grid gets a patch that fits its surroundings. Each pass of refinement places patches over the worst
+First every site of a grid gets a patch that fits its surroundings. Each refinement pass places patches over the worst
 seams. Such a patch is kept only if the seams become cheaper, so refinement never makes them worse.
 
 Departures from KSE03: the sum of squared differences of a placement (their eq. 4) is computed in integers, so that
