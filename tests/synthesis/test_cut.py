@@ -94,7 +94,7 @@ def test_the_cut_is_the_cheapest_of_all(seed):
     patch = index + offset_b[:, None, None]
     filled = random.random(shape) < 0.8
     covers = random.random(shape) < 0.85
-    costs = seams.crossing_costs(source, places, filled, patch, covers)
+    costs = list(seams.crossing_costs(source, places, filled, patch, covers))
     taken = seams.cut(costs, filled, covers)
     free = np.argwhere(filled & covers)
     best, found = np.inf, []

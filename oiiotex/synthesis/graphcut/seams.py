@@ -12,6 +12,7 @@ two pixels that arcs can represent without a node.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,7 +32,7 @@ BAND = 4  # px to each side of a coarse border, in which it is cut
 
 def lengths(values: np.ndarray) -> np.ndarray:
     """Euclidean lengths of (..., 3) integers below 2^14, exact but for the last rounding, so equal everywhere."""
-    v = values.astype(np.int32)
+    v = values.astype(np.int32, copy=False)
     return np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + v[..., 2] ** 2, dtype=np.float64)
 
 
@@ -137,20 +138,21 @@ class EdgeCosts(NamedTuple):
 
 def crossing_costs(
     source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray
-) -> list[EdgeCosts]:
+) -> Iterator[EdgeCosts]:
     """For each of `NEIGHBORS`, what a new patch costs in a window: as `seam_costs`.
 
     Where neither what is there nor the patch has a seam, both ways cost the same.
 
     `places` (2, h, w) int; `filled` (h, w) bool; `patch` (2, h, w) int; `covers` (h, w) bool.
     """
-    old, fresh = (source.at(*at).astype(np.int32) for at in (places, patch))
-    same, apart = (places == patch).all(0), lengths(old - fresh)
-    every = []
-    for step in NEIGHBORS:
+    old, fresh = (source.at(*at) for at in (places, patch))
+    same, apart = (places == patch).all(0), lengths(np.subtract(old, fresh, dtype=np.int32))
+
+    def across(step: tuple[int, int]) -> EdgeCosts:
         s, t = ends_of(step)
         jumps = [(at[:, *s] + np.reshape(step, (2, 1, 1)) != at[:, *t]).any(0) for at in (places, patch)]
-        gradient = 2.0 * (lengths(old[s] - old[t]) + lengths(fresh[s] - fresh[t])) + _FLOOR
+        changes = [lengths(np.subtract(one[s], one[t], dtype=np.int32)) for one in (old, fresh)]
+        gradient = 2.0 * (changes[0] + changes[1]) + _FLOOR
         plain = np.where(same[s], 0, _ratio(apart[s] + apart[t], gradient))
         both_old, jump = np.zeros_like(plain), jumps[0] | jumps[1]
         t_new, s_new = (np.where(exist, plain, 0) for exist in (filled[s] & covers[t], covers[s] & filled[t]))
@@ -165,11 +167,12 @@ def crossing_costs(
         found = iter(np.split(source.costs(begins, ends, step), np.cumsum([seam[3].sum() for seam in seams])))
         for costs, _, _, edges_there in seams:
             costs[edges_there] = next(found)
-        every.append(EdgeCosts(both_old, t_new, s_new))
-    return every
+        return EdgeCosts(both_old, t_new, s_new)
+
+    return map(across, NEIGHBORS)
 
 
-def cut(costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> np.ndarray:
+def cut(costs: Iterable[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> np.ndarray:
     """A mask of the pixels of a window that a new patch replaces, at the least cost: see `PatchCut`."""
     made = PatchCut.of(costs, filled, covers)
     return made.new | made.grid.chosen()
@@ -196,7 +199,7 @@ class PatchCut:
     grid: GridCut
 
     @classmethod
-    def of(cls, costs: list[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> PatchCut:
+    def of(cls, costs: Iterable[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> PatchCut:
         """`costs`: as `crossing_costs`; `filled`, `covers` (h, w) bool: where pixels exist, and the patch has some."""
         new, free = covers & ~filled, covers & filled
         lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
