@@ -111,23 +111,6 @@ def test_the_cut_is_the_cheapest_of_all(seed):
     assert (taken[covers & ~filled]).all() and not taken[~covers].any()
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_costs_across_edges_are_those_of_each_way(seed):
-    """Also at old seams, at seams inside of the patch, where both agree, and beyond the photo."""
-    source, random = random_source(seed=seed), np.random.default_rng(seed)
-    places, patch = (np.indices((9, 11)) + random.integers(-3, 18, (2, 1, 1)) for _ in range(2))
-    if seed % 2:
-        patch = places.copy()
-        patch[:, 4:] -= 1
-    places[:, :, 6:] += 3
-    filled, covers = (random.random((9, 11)) < 0.8 for _ in range(2))
-    old, new = (places, filled), (patch, covers)
-    expected = zip(*(seams.seam_costs(source, *each) for each in (old, (*old, *new), (*new, *old))), strict=True)
-    for made, plain in zip(seams.crossing_costs(source, *old, *new), expected, strict=True):
-        for one, other in zip(made, plain, strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 def test_of_two_placements_the_one_whose_seams_cost_less_is_taken():
     lab = np.random.default_rng(2).random((90, 90, 3), np.float32) * 60
     lab[:, 45:] = lab[:, :45]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts of a grid from coarse to fine, against exact ones and against the cost of every edge."""
+"""Cuts of a grid from coarse to fine, against exact ones and against the cost of every edge; costs of edges."""
 
 from __future__ import annotations
 
@@ -82,3 +82,21 @@ def test_a_band_grows_to_all_sides(by):
     mask, square = np.random.default_rng(by).random((30, 41)) < 0.02, np.ones((2 * by + 1, 2 * by + 1))
     expected = binary_dilation(mask, square) & binary_dilation(~mask, square)
     np.testing.assert_array_equal(seams.near_border(mask, by), expected)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_costs_across_edges_are_those_of_each_way(seed):
+    """Also at old seams, at seams inside of the patch, where both agree, and beyond the photo."""
+    random = np.random.default_rng(seed)
+    source = seams.SeamPhoto(random.integers(-300, 900, (20, 24, 3)).astype(np.int16))
+    places, patch = (np.indices((9, 11)) + random.integers(-3, 18, (2, 1, 1)) for _ in range(2))
+    if seed % 2:
+        patch = places.copy()
+        patch[:, 4:] -= 1
+    places[:, :, 6:] += 3
+    filled, covers = (random.random((9, 11)) < 0.8 for _ in range(2))
+    old, new = (places, filled), (patch, covers)
+    expected = zip(*(seams.seam_costs(source, *each) for each in (old, (*old, *new), (*new, *old))), strict=True)
+    for made, plain in zip(seams.crossing_costs(source, *old, *new), expected, strict=True):
+        for one, other in zip(made, plain, strict=True):
+            np.testing.assert_array_equal(one, other)
