@@ -61,7 +61,7 @@ def _made(lab: np.ndarray, size: int, seeds: int, large: int) -> list[tuple[int,
     source, patch = seams.SeamPhoto(to_grid(lab, FINE_STEPS)), min(96, max(16, min(lab.shape[:2]) // _PATCHES))
     figures = []
     for seed in range(seeds):
-        layout = Layout.tiling(size, size, "xy", patch=patch, passes=1, seed=seed)
+        layout = Layout.tiling(size, size, "xy", patch=patch, passes=0, seed=seed)
         start = time.process_time()
         places = np.stack(graph_cut(lab, None, layout, 1 << 30, lambda done, total: None).yx)
         spent = time.process_time() - start

@@ -32,7 +32,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
     are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
-    A visible seam is covered by a further patch. With label=3, only pixels of label 3 are used (LSA16:
+    With passes=1, further patches cover visible seams. With label=3, only pixels of label 3 are used (LSA16:
     Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
     """
@@ -56,9 +56,10 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         help="Side of a patch. Increase it to preserve larger structures.",
     )
     passes: int = param(
-        1,
+        0,
         ge=0,
         le=100,
+        example="1",
         help="Number of refinement passes. Each pass adds as many patches as the first fill, over the most visible"
         " seams. Increase it if seams are visible.",
     )

@@ -156,9 +156,9 @@ def test_odd_channels_types_and_values_are_taken_or_refused(op, name, monkeypatc
 def test_patches_of_a_narrow_photo_are_at_most_three_times_the_sites(shape, monkeypatch):
     """A patch of it covers so few pixels that holes would be closed by thousands of them."""
     laid = []
-    lay = "oiiotex.synthesis.graphcut.placement.cut"
-    cut = sys.modules[Layout.__module__].cut
-    monkeypatch.setattr(lay, lambda *given, **more: laid.append(1) or cut(*given, **more))
+    canvas = sys.modules[Layout.__module__]._Canvas
+    put = canvas._put
+    monkeypatch.setattr(canvas, "_put", lambda *given: laid.append(1) or put(*given))
     lab = np.random.default_rng(0).random((*shape, 3), np.float32) * 50
     layout = Layout.tiling(90, 64, "none", patch=16, passes=0, seed=3)
     made = graph_cut(lab, None, layout, 1 << 30, lambda done, total: None)

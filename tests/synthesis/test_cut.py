@@ -94,7 +94,8 @@ def test_the_cut_is_the_cheapest_of_all(seed):
     patch = index + offset_b[:, None, None]
     filled = random.random(shape) < 0.8
     covers = random.random(shape) < 0.85
-    taken = seams.cut(source, places, filled, patch, covers)
+    costs = list(seams.crossing_costs(source, places, filled, patch, covers))
+    taken = seams.cut(costs, filled, covers)
     free = np.argwhere(filled & covers)
     best, found = np.inf, []
     for choice in itertools.product((False, True), repeat=len(free)):
@@ -104,9 +105,22 @@ def test_the_cut_is_the_cheapest_of_all(seed):
         found += [(cost, tried)]
         best = min(best, cost)
     assert with_seam_nodes(source.lab, places, filled, patch, covers, taken) == best
+    assert seams.PatchCut.of(costs, filled, covers).estimate() == best
     # of several, the one with the most new pixels, so that libraries cannot differ
     assert taken.sum() == max(tried.sum() for cost, tried in found if cost == best)
     assert (taken[covers & ~filled]).all() and not taken[~covers].any()
+
+
+def test_of_two_placements_the_one_whose_seams_cost_less_is_taken():
+    lab = np.random.default_rng(2).random((90, 90, 3), np.float32) * 60
+    lab[:, 45:] = lab[:, :45]
+    photo = Photo.of(lab, None, 1 << 30)
+    canvas = gc._Canvas(photo, layout(height=64, width=64, patch=40), 1 << 30, None)
+    canvas.lay(0, 0, 40, 0, (0, 0))
+    seen = canvas._seen(0, 20, 40)
+    for offsets in ([(7, 31), (0, 20)], [(0, 20), (7, 31)]):  # the second continues the first patch
+        patch, taken = canvas._joined(seen, offsets)
+        assert tuple(patch[:, 1, 1]) == (0, 20) and taken[1:-1, 25:-1].all()
 
 
 def test_seam_costs_are_those_of_the_edges():

@@ -47,7 +47,7 @@ def replaced_pixels(
     -------
     (height, width) bool
     """
-    from ..graphcut.seams import SeamPhoto, cut
+    from ..graphcut.seams import SeamPhoto, crossing_costs, cut
 
     height, width = marked.shape
     rows, columns = height + exemplar.shape[0], max(width, exemplar.shape[1])
@@ -57,7 +57,7 @@ def replaced_pixels(
     old = np.array(np.indices(marked.shape))
     new = np.stack(source.yx)
     new[0] += height
-    return cut(SeamPhoto(both), old, ~marked, new, zone)
+    return cut(crossing_costs(SeamPhoto(both), old, ~marked, new, zone), ~marked, zone)
 
 
 def cut_bytes(area: int, free: int, source: int) -> int:

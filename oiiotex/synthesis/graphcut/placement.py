@@ -3,17 +3,19 @@
 
 Patches contain allowed pixels only (LSA16 §5.2).
 
-First every site of a grid gets a patch that fits its surroundings. Then patches are placed over the worst seams. Such a
-patch is kept only if the seams become cheaper, so refinement never makes them worse.
+First every site of a grid gets a patch that fits its surroundings. Each refinement pass places patches over the worst
+seams. Such a patch is kept only if the seams become cheaper, so refinement never makes them worse.
 
 Departures from KSE03: the sum of squared differences of a placement (their eq. 4) is computed in integers, so that
-rounding decides nothing. Instead of a probability (their eq. 5) a hash chooses among the few best distinct placements.
+rounding decides nothing. Instead of a probability (their eq. 5) a hash chooses two of the few best distinct placements.
+The one with the cheaper coarse cut is taken.
 Offsets that are already present are skipped, because they would continue the exemplar verbatim.
 """
 
 from __future__ import annotations
 
 import itertools
+import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -26,11 +28,11 @@ from ...engine.core.source_map import NONE, SourceMap
 from ...engine.core.window import Domain
 from ..patchmatch.field import hash_at
 from .photo import Laid, Photo, held_bytes
-from .seams import SeamPhoto, cut, seam_costs
+from .seams import PatchCut, SeamPhoto, crossing_costs, seam_costs
 from .search import OffsetSearch, search_factor
 
 OVERLAP = 3  # distance between patches of the first layer: 2/3 of their side
-TRIES = 2  # placements per refinement
+TRIES = 2  # placements that are cut for each patch
 MOST_NARROW = 16  # px, minimum side of a refinement patch
 _LOOKED_AT = 1 << 16  # px whose seams are summed at a time
 
@@ -209,11 +211,30 @@ class _Canvas:
         empty = seen.inside & ~seen.filled
         if not empty.any():
             return
-        if offset is None:
-            offsets = self._search.placements(self._source, seen.places, seen.filled & seen.inside, empty, (y, x))
-            offset = offsets[self._chance(0x1A1D, number) % len(offsets)]()
-        patch, covers = self._covered(offset, seen.inside)
-        self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers, exact=False))
+        tried = [offset] if offset else self._offsets(seen, seen.filled & seen.inside, empty, (y, x), 0x1A1D, number)
+        self._put(seen, *self._joined(seen, tried))
+
+    def _offsets(
+        self, seen: _Seen, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int], step: int, number: int
+    ) -> list[tuple[int, int]]:
+        """Offsets of the placements that are cut, at most `TRIES`, by chance among the best."""
+        offsets = self._search.placements(self._source, seen.places, compared, wanted, at)
+        first = self._chance(step, number)
+        return [offsets[(first + n) % len(offsets)]() for n in range(min(TRIES, len(offsets)))]
+
+    def _joined(self, seen: _Seen, tried: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+        """The patch whose seams cost the least for each pixel that it fills, and the pixels that it takes."""
+
+        def priced(offset: tuple[int, int]) -> tuple[float, np.ndarray, PatchCut]:
+            patch, covers = self._covered(offset, seen.inside)
+            joint = PatchCut.of(
+                crossing_costs(self._source, seen.places, seen.filled, patch, covers), seen.filled, covers
+            )
+            cost = joint.estimate() if len(tried) > 1 else 0
+            return cost / max(1, int(np.count_nonzero(joint.new))), patch, joint
+
+        _, patch, joint = min(map(priced, tried), key=operator.itemgetter(0))
+        return patch, joint.banded()
 
     def close_holes(self) -> None:
         """Place patches around uncovered pixels, at most as many as there are sites, then single pixels.
@@ -253,14 +274,10 @@ class _Canvas:
             return
         ring = seen.filled & seen.inside
         ring[side // 3 : -side // 3, side // 3 : -side // 3] = False  # the inside is to be replaced
-        offsets = self._search.placements(self._source, seen.places, ring, np.zeros_like(ring), (y, x))
-        first = self._chance(0x2EF1, number)
-        for n in range(min(TRIES, len(offsets))):
-            patch, covers = self._covered(offsets[(first + n) % len(offsets)](), seen.inside)
-            taken = cut(self._source, seen.places, seen.filled, patch, covers, exact=False)
-            if taken.any() and self._cost(np.where(taken, patch, seen.places), seen.filled | taken) < before:
-                self._put(seen, patch, taken)
-                return
+        tried = self._offsets(seen, ring, np.zeros_like(ring), (y, x), 0x2EF1, number)
+        patch, taken = self._joined(seen, tried)
+        if taken.any() and self._cost(np.where(taken, patch, seen.places), seen.filled | taken) < before:
+            self._put(seen, patch, taken)
 
     def _cost(self, places: np.ndarray, filled: np.ndarray) -> int:
         return sum(int(c.sum()) for c in seam_costs(self._source, places, filled))

@@ -16,7 +16,7 @@ from ...engine.core.piece_cache import PieceCache
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from .seams import SeamPhoto, cut
+from .seams import SeamPhoto, crossing_costs, cut
 
 if TYPE_CHECKING:
     from ...engine.core.scratch import TileStore
@@ -74,5 +74,6 @@ class SeamOverlay:
         if not free.any():
             return SourceMap(np.where(seen, above.packed, below.packed))
         old, new = (np.stack(source.yx) for source in (below, above))
-        taken = cut(SeamPhoto(self.lab), old, ~seen | free, new, seen | free)
+        filled, covers = ~seen | free, seen | free
+        taken = cut(crossing_costs(SeamPhoto(self.lab), old, filled, new, covers), filled, covers)
         return SourceMap(np.where(taken, above.packed, below.packed))

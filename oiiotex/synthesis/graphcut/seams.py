@@ -11,8 +11,10 @@ two pixels that arcs can represent without a node.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...engine.deferred import np
 
@@ -24,12 +26,13 @@ MOST_COST = 1 << 13  # per edge; sums over a patch of 512 x 512 stay below 2^31
 _FLOOR = 8.0  # grid steps added to gradients: else small differences in flat areas would have unbounded costs
 NEIGHBORS = ((0, 1), (1, 0))  # (y, x) from a pixel to its neighbor along an edge
 LARGE = 1024  # pixels, from which on a cut may be made from coarse to fine
+FEW = 256  # pixels, at most, of a cut by which placements are compared
 BAND = 4  # px to each side of a coarse border, in which it is cut
 
 
 def lengths(values: np.ndarray) -> np.ndarray:
     """Euclidean lengths of (..., 3) integers below 2^14, exact but for the last rounding, so equal everywhere."""
-    v = values.astype(np.int32)
+    v = values.astype(np.int32, copy=False)
     return np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + v[..., 2] ** 2, dtype=np.float64)
 
 
@@ -75,6 +78,10 @@ def seam_cost(
     if gradients:
         difference += gradients * lengths((a_s - a_t) - (b_s - b_t))
     gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + floor
+    return _ratio(difference, gradient)
+
+
+def _ratio(difference: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     # a seam between equal colors is not free: the shorter one of two equal seams is better
     return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
 
@@ -121,43 +128,116 @@ def seam_costs(
     return costs[0], costs[1]
 
 
-def cut(
-    source: SeamPhoto,
-    places: np.ndarray,
-    filled: np.ndarray,
-    patch: np.ndarray,
-    covers: np.ndarray,
-    exact: bool = True,
-) -> np.ndarray:
-    """A mask of the pixels of a window that a new patch replaces.
+class EdgeCosts(NamedTuple):
+    """Costs of the edges of a window in a direction, int64 each: if both pixels are old, if one of them is new."""
 
-    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept. If not `exact`, large cuts
-    are made from coarse to fine (`GridCut.in_band`).
+    both_old: np.ndarray
+    t_new: np.ndarray
+    s_new: np.ndarray
 
-    `places` (2, h, w) int; `filled` (h, w) bool; `patch` (2, h, w) int; `covers` (h, w) bool; returns (h, w) bool.
+
+def crossing_costs(
+    source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray
+) -> Iterator[EdgeCosts]:
+    """For each of `NEIGHBORS`, what a new patch costs in a window: as `seam_costs`.
+
+    Where neither what is there nor the patch has a seam, both ways cost the same.
+
+    `places` (2, h, w) int; `filled` (h, w) bool; `patch` (2, h, w) int; `covers` (h, w) bool.
     """
-    new, free = covers & ~filled, covers & filled
-    if not free.any():
-        return new
-    lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
-    arcs = []
-    old, fresh = (places, filled), (patch, covers)
-    costs = (seam_costs(source, *seam) for seam in (old, (*old, *fresh), (*fresh, *old)))
-    # costs of an edge if both pixels are old, if t is new, if s is new; both new costs nothing
-    for step, both_old, t_new, s_new in zip(NEIGHBORS, *costs, strict=True):
+    old, fresh = (source.at(*at) for at in (places, patch))
+    same, apart = (places == patch).all(0), lengths(np.subtract(old, fresh, dtype=np.int32))
+
+    def across(step: tuple[int, int]) -> EdgeCosts:
         s, t = ends_of(step)
-        for fixed, other, kept, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
-            lean[other] += np.where(new[fixed], -kept, np.where(covers[fixed], 0, change - both_old))
-        pair = free[s] & free[t]
-        node = np.where(pair, np.minimum(both_old, t_new + s_new), 0)  # cost of a seam node
-        # the cost of keeping both pixels is split so that arcs in both directions are as equal as possible: most pixels
-        # then have no terminal arc, and a flow has little to cancel
-        of_t = np.where(pair, np.clip(-(node // 2), -s_new, t_new - node), 0)
-        lean[s] -= node + of_t
-        lean[t] += of_t
-        arcs.append((np.where(pair, t_new - node - of_t, 0), np.where(pair, s_new + of_t, 0)))
-    whole = GridCut(free, lean, arcs)
-    return new | (whole.chosen() if exact else whole.in_band())
+        jumps = [(at[:, *s] + np.reshape(step, (2, 1, 1)) != at[:, *t]).any(0) for at in (places, patch)]
+        changes = [lengths(np.subtract(one[s], one[t], dtype=np.int32)) for one in (old, fresh)]
+        gradient = 2.0 * (changes[0] + changes[1]) + _FLOOR
+        plain = np.where(same[s], 0, _ratio(apart[s] + apart[t], gradient))
+        both_old, jump = np.zeros_like(plain), jumps[0] | jumps[1]
+        t_new, s_new = (np.where(exist, plain, 0) for exist in (filled[s] & covers[t], covers[s] & filled[t]))
+        seams = (
+            (both_old, places, places, jumps[0] & filled[s] & filled[t]),
+            (t_new, places, patch, jump & filled[s] & covers[t]),
+            (s_new, patch, places, jump & covers[s] & filled[t]),
+        )
+        begins, ends = (
+            np.concatenate([seam[n][:, *at][:, seam[3]] for seam in seams], 1) for n, at in ((1, s), (2, t))
+        )
+        found = iter(np.split(source.costs(begins, ends, step), np.cumsum([seam[3].sum() for seam in seams])))
+        for costs, _, _, edges_there in seams:
+            costs[edges_there] = next(found)
+        return EdgeCosts(both_old, t_new, s_new)
+
+    return map(across, NEIGHBORS)
+
+
+def cut(costs: Iterable[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> np.ndarray:
+    """A mask of the pixels of a window that a new patch replaces, at the least cost: see `PatchCut`."""
+    made = PatchCut.of(costs, filled, covers)
+    return made.new | made.grid.chosen()
+
+
+@dataclass(frozen=True)
+class PatchCut:
+    """What it costs to take pixels of a new patch in a window.
+
+    Unfilled pixels take the patch where it covers them. Pixels outside the patch are kept.
+
+    Attributes
+    ----------
+    new : (h, w) bool
+        The unfilled pixels that take the patch.
+    kept : int
+        Cost of all seams if no other pixel takes it.
+    grid : GridCut
+        The pixels that may take it.
+    """
+
+    new: np.ndarray
+    kept: int
+    grid: GridCut
+
+    @classmethod
+    def of(cls, costs: Iterable[EdgeCosts], filled: np.ndarray, covers: np.ndarray) -> PatchCut:
+        """`costs`: as `crossing_costs`; `filled`, `covers` (h, w) bool: where pixels exist, and the patch has some."""
+        new, free = covers & ~filled, covers & filled
+        lean = np.zeros(free.shape, np.int64)  # cost of being new minus cost of being old
+        kept, arcs = 0, []
+        for step, (both_old, t_new, s_new) in zip(NEIGHBORS, costs, strict=True):
+            s, t = ends_of(step)
+            for fixed, other, if_kept, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
+                lean[other] += np.where(new[fixed], -if_kept, np.where(covers[fixed], 0, change - both_old))
+                kept += int(if_kept[new[fixed]].sum())
+            pair = free[s] & free[t]
+            node = np.where(pair, np.minimum(both_old, t_new + s_new), 0)  # cost of a seam node
+            kept += int(node.sum()) + int(both_old[~pair].sum())
+            # the cost of keeping both pixels is split so that arcs in both directions are as equal as possible: most
+            # pixels then have no terminal arc, and a flow has little to cancel
+            of_t = np.where(pair, np.clip(-(node // 2), -s_new, t_new - node), 0)
+            lean[s] -= node + of_t
+            lean[t] += of_t
+            arcs.append((np.where(pair, t_new - node - of_t, 0), np.where(pair, s_new + of_t, 0)))
+        return cls(new, kept, GridCut(free, lean, arcs))
+
+    def estimate(self) -> int:
+        """Cost of all seams after the best cut of a grid of few pixels."""
+        grid = self.grid
+        while np.count_nonzero(grid.free) > FEW:
+            grid = grid.half
+        return self.kept + grid.cost(grid.chosen())
+
+    def banded(self) -> np.ndarray:
+        """The pixels that are taken, (h, w) bool, cut from coarse to fine: Lombaert, Sun, Grady, Xu 2005.
+
+        A large grid is first solved at half its size, then in a band around the borders found.
+        """
+        grid = self.grid
+        if np.count_nonzero(grid.free) < LARGE:
+            return self.new | grid.chosen()
+        height, width = self.new.shape
+        guess = grid.half.chosen().repeat(2, 0).repeat(2, 1)[:height, :width] & grid.free
+        return self.new | grid.within(near_border(guess | self.new, BAND) & grid.free, guess)
 
 
 @dataclass(frozen=True)
@@ -197,7 +277,7 @@ def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, costs: list[Gr
     """
     flat, others = free.ravel(), fixed.ravel()
     number = np.cumsum(flat) - 1
-    arcs = []
+    pairs = []
     for one in costs:
         s, t, begins, ends = one.s, one.t, one.begins, one.ends
         for free_one, other, if_chosen, if_not in ((t, s, begins, ends), (s, t, ends, begins)):
@@ -205,37 +285,41 @@ def chosen(free: np.ndarray, fixed: np.ndarray, lean: np.ndarray, costs: list[Gr
             # next to a chosen pixel, it costs not to be chosen, and the other way round
             np.add.at(lean, free_one[alone], np.where(others[other], -if_not, if_chosen)[alone])
         pair = flat[s] & flat[t]
-        arcs += [
-            (number[s[pair]], number[t[pair]], begins[pair]), (number[t[pair]], number[s[pair]], ends[pair])
-        ]  # fmt: skip
+        pairs.append(GridEdges(number[s[pair]], number[t[pair]], begins[pair], ends[pair]))
     out = others.copy()
     if flat.any():
-        out[flat] = minimum_cut(int(flat.sum()), arcs, lean[flat])
+        out[flat] = minimum_cut(int(flat.sum()), pairs, lean[flat])
     return out.reshape(free.shape)
 
 
-def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]], lean: np.ndarray) -> np.ndarray:
-    """x in {0, 1}^count that minimizes sum lean_i x_i + sum capacity_st (1 - x_s) x_t, the one with the most ones.
+def minimum_cut(count: int, pairs: list[GridEdges], lean: np.ndarray) -> np.ndarray:
+    """The choice of `count` nodes that costs the least, the one with the most chosen ones: (count,) bool.
 
-    `lean` (count,) int64; returns (count,) bool.
+    `pairs`: edges in a few directions, in each of which a node begins one edge at most, and ends one. `lean` (count,)
+    int64: cost of choosing a node.
     """
     from scipy.sparse import csr_array  # slow to import
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-    node = np.arange(count)
     top, bottom = count, count + 1
-    dear, cheap = lean > 0, lean < 0
-    start = [*(a[0] for a in arcs), np.full(int(dear.sum()), top), node[cheap]]
-    end = [*(a[1] for a in arcs), node[dear], np.full(int(cheap.sum()), bottom)]
-    capacity = np.concatenate([*(a[2] for a in arcs), lean[dear], -lean[cheap]])
-    graph = csr_array(
-        (capacity.astype(np.int32), (np.concatenate(start), np.concatenate(end))), shape=(count + 2, count + 2)
-    )
-    graph.eliminate_zeros()
-    if graph.nnz == 0:
+    (dear,), (cheap,) = np.nonzero(lean > 0), np.nonzero(lean < 0)
+    if not len(dear):
         return np.ones(count, bool)
-    flow = maximum_flow(graph, top, bottom).flow
-    residual = graph - flow
+    # arcs of a node by direction, which is the order of the nodes that they lead to, then the one from or to an end
+    ends = np.empty((count, 2 * len(pairs) + 1), np.int32)
+    capacity, present = np.zeros(ends.shape, np.int32), np.zeros(ends.shape, bool)
+    for n, one in enumerate(pairs):
+        exist = one.begins + one.ends > 0
+        forth, back = len(pairs) + n, len(pairs) - 1 - n
+        for s, t, costs, place in ((one.s, one.t, one.begins, forth), (one.t, one.s, one.ends, back)):
+            ends[s, place], capacity[s, place], present[s, place] = t, costs, exist
+    ends[:, -1], capacity[:, -1], present[:, -1] = np.where(lean > 0, top, bottom), np.maximum(-lean, 0), lean != 0
+    begins = np.concatenate([[0], present.sum(1), [len(dear), len(cheap)]]).cumsum(dtype=np.int32)
+    indices = np.concatenate([ends[present], dear.astype(np.int32), cheap.astype(np.int32)])
+    values = np.concatenate([capacity[present], lean[dear].astype(np.int32), np.zeros(len(cheap), np.int32)])
+    graph = csr_array((values, indices, begins), shape=(count + 2, count + 2))
+    graph.sum_duplicates()  # of a closed strip of two columns
+    residual = graph - maximum_flow(graph, top, bottom).flow
     residual.eliminate_zeros()
     reached = breadth_first_order(residual, top, return_predecessors=False)
     ones = np.ones(count + 2, bool)
@@ -243,13 +327,12 @@ def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]
     return ones[:count]
 
 
-def grown(mask: np.ndarray, by: int) -> np.ndarray:
-    """A mask, (h, w) bool, with all pixels that are at most `by` px away along both axes."""
-    for axis in (0, 1):
-        margins = [(by * (n == axis),) * 2 for n in (0, 1)]
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margins), 2 * by + 1, axis)
-        mask = np.logical_or.reduce(windows, -1)
-    return mask
+def near_border(choice: np.ndarray, by: int) -> np.ndarray:
+    """The pixels at most `by` px along both axes from the border of a choice, (h, w) bool each."""
+    from scipy import ndimage  # slow to import
+
+    side = 2 * by + 1
+    return np.asarray(ndimage.maximum_filter(choice, side) != ndimage.minimum_filter(choice, side))
 
 
 @dataclass(frozen=True)
@@ -273,33 +356,27 @@ class GridCut:
 
     def chosen(self) -> np.ndarray:
         """(h, w) bool; of equal choices, the largest."""
-        number = np.cumsum(self.free).reshape(self.free.shape) - 1
-        arcs = []
+        return self.within(self.free, np.zeros(self.free.shape, bool))
+
+    def within(self, band: np.ndarray, choice: np.ndarray) -> np.ndarray:
+        """As `chosen`, if pixels outside the band are chosen as in `choice`; (h, w) bool each."""
+        costs = []
+        for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
+            s, t = edges_at(band, step)
+            at = np.divmod(s, band.shape[1])
+            costs.append(GridEdges(s, t, begins[at], ends[at]))
+        return chosen(band, choice, self.lean.flatten(), costs)
+
+    def cost(self, choice: np.ndarray) -> int:
+        """What a choice costs."""
+        total = int(self.lean[self.free & choice].sum())
         for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
             s, t = ends_of(step)
-            for start, end, costs in ((s, t, begins), (t, s, ends)):
-                some = costs > 0
-                arcs.append((number[start][some], number[end][some], costs[some]))
-        out = np.zeros(self.free.shape, bool)
-        if self.free.any():
-            out[self.free] = minimum_cut(int(self.free.sum()), arcs, self.lean[self.free])
-        return out
+            total += int(begins[choice[t] & ~choice[s]].sum()) + int(ends[choice[s] & ~choice[t]].sum())
+        return total
 
-    def in_band(self) -> np.ndarray:
-        """As `chosen`, but a large grid is first solved at half its size, then in a band around the borders found."""
-        if np.count_nonzero(self.free) < LARGE:
-            return self.chosen()
-        height, width = self.free.shape
-        guess = self._halved().chosen().repeat(2, 0).repeat(2, 1)[:height, :width] & self.free
-        band = np.zeros(guess.shape, bool)
-        for step in NEIGHBORS:
-            s, t = ends_of(step)
-            border = guess[s] != guess[t]
-            band[s] |= border
-            band[t] |= border
-        return self._within(grown(band, BAND - 1) & self.free, guess)
-
-    def _halved(self) -> GridCut:
+    @functools.cached_property
+    def half(self) -> GridCut:
         """Of squares of 2 x 2 pixels. The border between two may lie between them, or inside the first: the cheaper."""
 
         def pooled(values: np.ndarray, fold: np.ufunc) -> np.ndarray:
@@ -320,14 +397,3 @@ class GridCut:
             begins, ends = (between(c.T, both.T).T if step[0] else between(c, both) for c in pair)
             arcs.append((begins, ends))
         return GridCut(pooled(self.free, np.logical_or), pooled(np.where(self.free, self.lean, 0), np.add), arcs)
-
-    def _within(self, band: np.ndarray, choice: np.ndarray) -> np.ndarray:
-        """As `chosen`, if pixels outside the band are chosen as in `choice`."""
-        kept, lean, arcs = self.free & ~band, self.lean.copy(), []
-        for step, (begins, ends) in zip(NEIGHBORS, self.arcs, strict=True):
-            s, t = ends_of(step)
-            for fixed, other, if_chosen, if_not in ((s, t, ends, begins), (t, s, begins, ends)):
-                lean[other] += np.where(kept[fixed], np.where(choice[fixed], -if_chosen, if_not), 0)
-            both = band[s] & band[t]
-            arcs.append((np.where(both, begins, 0), np.where(both, ends, 0)))
-        return (choice & kept) | GridCut(band, lean, arcs).chosen()

@@ -30,6 +30,26 @@ def search_factor(shape: tuple[int, ...]) -> int:
     return factor
 
 
+class _Samples:
+    """Some pixels of a window that are compared near the offsets found: their rows, columns and colors."""
+
+    def __init__(self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray):
+        rows, columns = np.nonzero(compared)
+        few = slice(None, None, len(rows) // _SAMPLES + 1)
+        self.rows, self.columns, self.shape = rows[few], columns[few], compared.shape
+        self._colors = source.at(*places[:, self.rows, self.columns])
+
+        self._last: tuple[tuple[int, ...], np.ndarray] | None = None
+
+    def spectra(self, shape: tuple[int, ...]) -> np.ndarray:
+        """As `_spectra`; most often of the same shape again."""
+        if self._last is None or self._last[0] != shape:
+            sampled, lab = np.zeros(self.shape, bool), np.zeros((*self.shape, 3))
+            sampled[self.rows, self.columns], lab[self.rows, self.columns] = True, self._colors
+            self._last = shape, _spectra(lab, sampled, shape)
+        return self._last[1]
+
+
 class OffsetSearch:
     """The search for the best offsets of a patch: sums of squared differences by Fourier transforms (KSE03 §5).
 
@@ -68,15 +88,12 @@ class OffsetSearch:
         if gain.max() > 0:
             cost = np.where(gain >= max(1, ENOUGH * gain.max()), cost, np.inf)
         offsets = self._apart(cost, self._present(places, compared), max(seen.shape))
-        return [functools.partial(self._nearby, source, places, compared, at, *offset) for offset in offsets]
+        compared_samples = _Samples(source, places, compared)
+        return [functools.partial(self._nearby, source, compared_samples, at, *offset) for offset in offsets]
 
-    def _nearby(
-        self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
-    ) -> tuple[int, int]:
+    def _nearby(self, source: SeamPhoto, samples: _Samples, at: tuple[int, int], y: int, x: int) -> tuple[int, int]:
         """The best offset near one found in the reduced exemplar."""
-        rows, columns = np.nonzero(compared)
-        few = slice(None, None, len(rows) // _SAMPLES + 1)
-        rows, columns = rows[few], columns[few]
+        rows, columns = samples.rows, samples.columns
         if self._factor == 1 or not len(rows):
             return y, x
         f = self._factor
@@ -90,12 +107,10 @@ class OffsetSearch:
         prices = np.zeros((len(ys), len(xs)))
         if self._offset_prices is not None:
             prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + np.array(xs), y + np.array(ys))
-        shape = tuple(n + len(reach) - 1 for n, reach in zip(compared.shape, (ys, xs), strict=True))
+        shape = tuple(n + len(reach) - 1 for n, reach in zip(samples.shape, (ys, xs), strict=True))
         around = self._around(source, y - 1 + ys[0], x - 1 + xs[0], *shape)
-        sampled, lab = np.zeros(compared.shape, bool), np.zeros((*compared.shape, 3))
-        sampled[rows, columns], lab[rows, columns] = True, source.at(*places[:, rows, columns])
         padded = tuple(fft.next_fast_len(n, True) for n in shape)
-        sums = _differences(_spectra(*around, padded), _spectra(lab, sampled, padded), padded)
+        sums = _differences(_spectra(*around, padded), samples.spectra(padded), padded)
         apart, count = (table[: len(ys), : len(xs)] for table in sums)
         few_compared = 2 * count < len(rows)
         few_compared[-ys[0], -xs[0]] = False
@@ -172,7 +187,8 @@ class OffsetSearch:
 def _spectra(lab: np.ndarray, mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Spectra, padded to that shape, of a mask, of the masked colors, and of the squares of their lengths: (5, ...)."""
     weight, values = mask.astype(np.float64), np.moveaxis(lab.astype(np.float64), -1, 0)
-    return fft.rfft2(np.stack([weight, *(weight * values), weight * (values**2).sum(0)]), shape)
+    planes = np.stack([weight, *(weight * values), weight * (values**2).sum(0)])
+    return fft.fft(fft.rfft(planes, shape[1]), shape[0], axis=-2)  # rows that are padded are zero before and after
 
 
 def _differences(exemplar: np.ndarray, patch: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
-from ..graphcut.seams import MOST_COST, NEIGHBORS, GridEdges, SeamPhoto, chosen, edges, grown, seam_cost
+from ..graphcut.seams import BAND, MOST_COST, NEIGHBORS, GridEdges, SeamPhoto, chosen, edges, near_border, seam_cost
 from .strip import PhotoStrip
 
 _DECIDED = 1 << 13  # px of the overlap on the coarsest level
-_AROUND = 4  # px around a coarser cut that are decided again
 _AT_ONCE = 1 << 20  # px of the photo that are read at once
 _GRADIENTS, _FLOOR = 2.0, 24.0  # of `seam_cost` on coarse levels: shapes count there, and noise is averaged out
 _INVALID = 4 * MOST_COST  # cost of showing a pixel that is not usable
@@ -118,11 +117,10 @@ def _decided(guess: np.ndarray | None, shape: tuple[int, ...], closed: bool) -> 
     if guess is None:
         return np.ones(shape, bool), np.zeros(shape, bool)
     guess = guess.repeat(2, 0).repeat(2, 1)[: shape[0], : shape[1]]
-    more = _AROUND + 1
+    more = BAND + 1
     wide = np.pad(guess, ((more, more), (0, 0)), constant_values=((False, True), (False, False)))
     wide = np.pad(wide, ((0, 0), (more, more)), mode="wrap" if closed else "edge")
-    near = grown(wide, _AROUND) & grown(~wide, _AROUND)
-    return near[more:-more, more:-more], guess
+    return near_border(wide, BAND)[more:-more, more:-more], guess
 
 
 def _fine_cut(strip: PhotoStrip, joint: Joint, free: np.ndarray, guess: np.ndarray) -> np.ndarray:

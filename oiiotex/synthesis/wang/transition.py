@@ -20,7 +20,7 @@ from ...engine.core.attributes import ATLAS, FILTER
 from ...engine.core.demand import SomeRows, resized
 from ...engine.core.parameters import Size
 from ...engine.deferred import np, oiio
-from ..graphcut.seams import NEIGHBORS, GridEdges, chosen, edges_at, seam_cost
+from ..graphcut.seams import NEIGHBORS, GridEdges, chosen, edges_at, near_border, seam_cost
 from ..patchmatch.field import hash_at
 from .atlas import CORNERS
 
@@ -237,13 +237,9 @@ def _edges(points: np.ndarray, depth: int) -> Iterator[tuple[int, tuple[int, ...
 
 def _refined(coarse: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """The border of a coarser level, and the pixels next to it, on which the cut decides."""
-    from scipy import ndimage  # slow to import
-
     rows, columns = (np.arange(n) * c // n for n, c in zip(shape, coarse.shape, strict=True))
     fixed = coarse[rows][:, columns]
-    around = 2 * _REFINED + 1
-    near = ndimage.maximum_filter(fixed, around) != ndimage.minimum_filter(fixed, around)
-    return near, fixed
+    return near_border(fixed, _REFINED), fixed
 
 
 def _between(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
