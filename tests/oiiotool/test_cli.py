@@ -39,9 +39,9 @@ def test_the_readmes_line_works_on_a_linear_exr(tmp_path):
 
 def test_an_st_map_remakes_the_tile_to_the_bit(tmp_path, photo):
     for line in (
-        "photo.png --texstationarize:iterations=4:st=1 -o both.exr",
+        "photo.png --texstationarize:sigma=12:iterations=4:st=1 -o both.exr",
         "photo.png --texflatten both.exr --texwarp -d uint8 -o again.png",
-        "photo.png --texstationarize:iterations=4 -o tile.png",
+        "photo.png --texstationarize:sigma=12:iterations=4 -o tile.png",
     ):
         done_well(tmp_path, line)
     np.testing.assert_array_equal(load(tmp_path / "again.png"), load(tmp_path / "tile.png"))

@@ -269,10 +269,10 @@ class Op:
 
         A picture of an image, or a measure of it, is not expected to have them.
         """
-        if self.main().kind is not Kind.PIXELS or not self.images():
+        if self.main().kind is not Kind.PIXELS:
             return
-        images, used = getattr(self, self.images()[0].attribute), set(map(id, self.used_parts()))
-        for image in images if isinstance(images, tuple) else (images,):
+        used = set(map(id, self.used_parts()))
+        for image in (one for slot, one in self.given() if slot is self.images()[0]):
             lost = [part.name for part in image.parts[1:] if id(part) not in used and part.name not in made]
             if lost:
                 self.warn("%s: further parts are not in the result: %s", image.source, ", ".join(lost))
