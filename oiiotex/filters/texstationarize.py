@@ -54,8 +54,9 @@ class Stationarize(PatchSynthesis):
     2017).
 
     Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
-    was removed, or levels at the seams of a kept layout, a gain and an offset in Lab are applied to the copy: `drift`
-    has both, `flattening=0` none. With `relevel`, a constant is also added to each copied piece of a height map.
+    was removed, or levels were evened at the seams of a kept layout, a gain and an offset in Lab are applied to the
+    copy. `drift` holds both; with `flattening=0` there are none. With `relevel`, a constant is also added to each
+    copied piece of a height map.
     """
 
     example: ClassVar[str] = """\
