@@ -101,6 +101,38 @@ def test_an_interrupted_run_says_that_its_pieces_are_kept(folder):
     assert not list(folder.glob(".*oiiotex*"))
 
 
+STUCK = """
+import hashlib
+from pathlib import Path
+import numpy as np
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.oiiotool.cli.main import exit_with
+
+def work(words):
+    kept = Checkpoint(Path("out.exr"))
+    kept.keep("ab" * 32, Window(0, 1, 0, 1), np.zeros(3))
+    print("begun", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**8)  # a library that hears no signal for a minute
+    return 0
+
+exit_with([], work)
+"""
+
+
+def test_a_run_that_ends_inside_a_library_says_it_too(tmp_path):
+    """Python's handler cannot run there, so that nothing unwinds."""
+    running = subprocess.Popen(
+        [sys.executable, "-c", STUCK], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert running.stdout.readline() == "begun\n"
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "1 finished pieces are stored in out.exr.parts; repeat the run to resume" in errors
+    assert len(pieces(tmp_path / "out.exr.parts")) == 1
+
+
 def test_pieces_are_made_once_and_go_when_the_file_is_whole(tmp_path):
     made = []
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from .sealed import read_arrays, write_arrays
 
 log = logging.getLogger("oiiotex")
 
+_unfinished: weakref.WeakSet[Checkpoint] = weakref.WeakSet()  # those with pieces
 # complete, or left by a killed process
 _NAME = re.compile(r"\.?[0-9a-f]{32}\.\d+x\d+[+-]\d+[+-]\d+(\.oiiotex-\w+-\d+-[0-9a-f]+)?\.piece")
 
@@ -59,7 +61,8 @@ class Checkpoint:
     def kept(self, key: str, place: Window) -> np.ndarray | None:
         """The complete piece from an earlier run, or None."""
         pixels = _read(self._file(key, place))
-        self.count += pixels is not None
+        if pixels is not None:
+            self._add()
         return pixels
 
     def keep(self, key: str, place: Window, pixels: np.ndarray) -> None:
@@ -70,7 +73,7 @@ class Checkpoint:
             make_folders(self.folder)  # --create-dir makes those above it later
             with temporary_beside(self._file(key, place)) as temporary:
                 write_arrays(temporary, [pixels])
-            self.count += 1
+            self._add()
         except (OSError, Error) as error:  # the run itself may still succeed
             self._works = False
             log.warning("resume: cannot write checkpoints to %s: %s", self.folder, reason_of(error))
@@ -78,6 +81,16 @@ class Checkpoint:
     def holds(self, key: str, place: Window) -> bool:
         """Whether the complete piece exists."""
         return _read(self._file(key, place)) is not None
+
+    def _add(self) -> None:
+        self.count += 1
+        _unfinished.add(self)
+
+    def say_kept(self) -> None:
+        """Name the folder, once, if it has pieces: the run is interrupted."""
+        if self in _unfinished:
+            _unfinished.discard(self)
+            log.warning("%d finished pieces are stored in %s; repeat the run to resume", self.count, self.folder)
 
     def _file(self, key: str, place: Window) -> Path:
         return self.folder / f"{key[:32]}.{place}.piece"
@@ -87,11 +100,18 @@ class Checkpoint:
         if not self.count:
             return
         self.count = 0
+        _unfinished.discard(self)
         with contextlib.suppress(OSError):
             for entry in list(self.folder.iterdir()):
                 if _NAME.fullmatch(entry.name):
                     entry.unlink(missing_ok=True)
             self.folder.rmdir()
+
+
+def say_all_kept() -> None:
+    """`Checkpoint.say_kept` of all: the process ends without unwinding."""
+    for checkpoint in list(_unfinished):
+        checkpoint.say_kept()
 
 
 def _read(file: Path) -> np.ndarray | None:

@@ -191,10 +191,7 @@ class Resources(Facts):
         except Exception:
             raise
         except BaseException:  # the run was interrupted
-            if keeper.count:
-                log.warning(
-                    "%d finished pieces are stored in %s; repeat the run to resume", keeper.count, keeper.folder
-                )
+            keeper.say_kept()
             raise
         finally:
             self.keeper = before

@@ -15,7 +15,7 @@ from types import FrameType
 from ....engine.guard import ENDS, SERVES, guarded
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_ATOMIC = "oiiotex.engine.io.atomic"
+_ATOMIC, _CHECKPOINT = "oiiotex.engine.io.atomic", "oiiotex.engine.io.checkpoint"
 _GRACE = 0.4  # s for the main thread to handle a signal, and again to unwind
 
 _requested = 0  # the signal that asked the run to end
@@ -93,9 +93,11 @@ def raise_if_stopped() -> None:
 
 
 def end_at_once(number: int, _: object = None) -> None:
-    """Signal handler: remove unfinished files and end the process."""
+    """Signal handler: remove unfinished files, name those kept for resuming, and end the process."""
     if _writing():
         sys.modules[_ATOMIC].discard_all()
+    if say_all_kept := getattr(sys.modules.get(_CHECKPOINT), "say_all_kept", None):
+        say_all_kept()
     os._exit(128 + number)
 
 
