@@ -23,7 +23,6 @@ from oiiotex.engine.io.cache_folders import cache_folder
 from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.device import Device, Program
 from oiiotex.engine.session import Session
-from oiiotex.synthesis.quality import wholeness
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
 
@@ -89,9 +88,13 @@ def any_lanes(request: pytest.FixtureRequest, device: Device) -> Device:
 
 @pytest.fixture(scope="module")
 def few_places() -> Iterator[None]:
-    """Results are judged at some hundred places, not thousands: for tests that do not ask how good they are."""
+    """Results are judged at some hundred places, not thousands, and label maps grow in few iterations.
+
+    For tests that do not ask how good they are.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(wholeness, "_PLACES", forked.FEW)
+        for module, constant, few in forked.fewer():
+            patch.setattr(module, constant, few)
         patch.setenv(forked.FEW_PLACES, "1")
         yield
 

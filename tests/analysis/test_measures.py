@@ -147,11 +147,11 @@ def test_the_map_of_moments_is_eq_1_place_by_place(measure, order, hole):
 
 @pytest.mark.parametrize("hole", [False, True])
 def test_the_map_of_responses_is_eq_1_place_by_place(hole):
-    picture = pictures.stained(pictures.pebbles(61, 87, 2))
-    opaque, seen = np.ones((61, 87)), np.ones((61, 87))
+    picture = pictures.stained(pictures.pebbles(49, 61, 2))
+    opaque, seen = np.ones((49, 61)), np.ones((49, 61))
     if hole:
-        opaque[20:30, 40:50] = 0
-        seen[20 - RADIUS : 30 + RADIUS, 40 - RADIUS : 50 + RADIUS] = 0  # what sees the hole is no response
+        opaque[20:28, 30:38] = 0
+        seen[20 - RADIUS : 28 + RADIUS, 30 - RADIUS : 38 + RADIUS] = 0  # what sees the hole is no response
     photo = buffer(np.dstack([picture * opaque[..., None], opaque]), names=tuple("RGBA"))
     made = filters.stationarity(photo, sigma=8, measure="steerable")
     check(made, *dense_responses(lab_of(picture), 8.0, 3, seen), side=3)
@@ -257,11 +257,10 @@ def test_each_measure_lowers_its_own_cost():
     picture = pictures.stained(pictures.pebbles(96, 96, 1))
     lab = lab_of(picture)
     photo = buffer(picture)
-    plain = [filters.patchmatch(photo, seed=n, iterations=15) for n in (1, 2)]
+    plain = filters.patchmatch(photo, seed=1, iterations=8)
     for measure in ("histogram", "moments", "steerable"):
-        tiles = [filters.stationarize(photo, measure=measure, seed=n, iterations=15, sigma=3.25) for n in (1, 2)]
+        tile = filters.stationarize(photo, measure=measure, seed=1, iterations=8, sigma=3.25)
         lowered, other = (
-            np.mean([st.stationarity_cost(lab_of(pixels(one)), 3.0, measure=measure, like=lab) for one in made])
-            for made in (tiles, plain)
+            st.stationarity_cost(lab_of(pixels(made)), 3.0, measure=measure, like=lab) for made in (tile, plain)
         )
         assert lowered < other

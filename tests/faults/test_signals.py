@@ -38,8 +38,8 @@ def test_a_signal_while_writing_leaves_the_old_output_and_nothing_half(tmp_path,
 
 @pytest.mark.parametrize(
     ("words", "number", "code"),
-    [(["--testread", "big.png"] * 200, *ENDS[0]), *((["big.png", "--fft", "--dup", "--pop"] * 50, *e) for e in ENDS)],
-    ids=["reading", "computing", "computing, SIGTERM", "computing, SIGHUP"],
+    [(["--testread", "big.png"] * 200, *ENDS[0]), (["big.png", "--fft", "--dup", "--pop"] * 50, *ENDS[1])],
+    ids=["reading", "computing, SIGTERM"],
 )
 def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, number, code):
     save(np.zeros((700, 800, 3)), tmp_path / "big.png")
@@ -57,7 +57,7 @@ def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, numbe
 PROGRAMS = {"oiiotex": "oiiotex", "oiiotex-library": "oiiotex_studio.library.main"}
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.01, 0.03, 0.1, 0.3])
+@pytest.mark.parametrize("delay", [0.0, slow(0.01), 0.03, slow(0.1), 0.3])
 @pytest.mark.parametrize("module", PROGRAMS.values(), ids=PROGRAMS)
 def test_a_signal_while_the_program_is_loaded_leaves_no_traceback(tmp_path, module, delay):
     words = ["ingest", ".", "x", "--recipe", "none"] if "library" in module else [*SLOW, "-o", "out.exr"]

@@ -34,6 +34,7 @@ def sites(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_built_wheels_find_config_kernels_and_page(sites, tmp_path, photo):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(sites / "core"), str(sites / "studio")))}
 

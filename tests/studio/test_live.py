@@ -99,7 +99,7 @@ def wait(page, condition: str) -> None:
     until = time.monotonic() + 90
     while not page.evaluate(condition):
         assert time.monotonic() < until, condition
-        time.sleep(0.05)  # each look costs 4 ms of three processes
+        time.sleep(0.2)  # each look costs 4 ms of three processes
 
 
 def pixels_of(page, name: str) -> np.ndarray:
