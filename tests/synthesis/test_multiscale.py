@@ -167,7 +167,10 @@ def rooted(device):
     return analyze(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
 
 
-@pytest.mark.parametrize("level, place", [(4, (-2, 13)), (5, (-3, 28)), (6, (60, -2)), (6, (20, 20))])
+SLOW = pytest.param(6, (20, 20), marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("level, place", [(4, (-2, 13)), (5, (-3, 28)), (6, (60, -2)), SLOW])
 def test_a_window_around_the_root_is_the_oracles(rooted, in_lanes, level, place):
     whole = settings(jitter=(0.0, 0.6), root_level=5)
     window = Window.sized(*place, 6, 6)
