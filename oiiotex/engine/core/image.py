@@ -14,11 +14,11 @@ from typing import TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
-from .attributes import tag_colors
+from .attributes import ATLAS, EDGES, tag_colors
 from .window import Window
 
 IDS = ("uint", "int")  # pixel types of ids
-_STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
+_STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes", ATLAS, EDGES)
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
     "half": "float16", "float": "float32", "double": "float64",
