@@ -137,8 +137,10 @@ class HostOp(Op):
         still = isinstance(self, Pointwise) and tiling == tiling_of(part.spec) and made.window.size == part.window.size
         around = len(self.inputs()) == 1 and (self.rescales or isinstance(self, Neighborhood))
         stays = {EDGES: still, ATLAS: still or (around and tiling == "xy")}
-        lost = [name for name, kept in stays.items() if not kept and made.spec.getattribute(name) is not None]
-        return made.respecced(lambda spec: spec.erase_attribute(f"^({'|'.join(lost)})$")) if lost else made
+        for name, kept in stays.items():
+            if not kept and made.spec.getattribute(name) is not None:
+                made = made.respecced(operator.methodcaller("erase_attribute", name))
+        return made
 
     def inputs(self) -> list[Image]:
         """The given images, in the order of declaration."""
