@@ -31,8 +31,9 @@ _SPREADS = "`oiiotex-library ingest` distributes materials itself"
 _SHOWS = "a library is made without a display"
 _ONCE = "a line runs once for each material"
 _NOT_HERE = {
-    "--frames": _ONCE, "--each": _ONCE, "--views": _ONCE, "--parallel-frames": _ONCE, "--farm": _SPREADS, "--share": _SPREADS,
-    "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS, "--tev": _SHOWS, "--oiioattrib": "it would affect the lines of other materials",
+    "--frames": _ONCE, "--each": _ONCE, "--views": _ONCE, "--parallel-frames": _ONCE, "--farm": _SPREADS,
+    "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS, "--tev": _SHOWS,
+    "--oiioattrib": "it would affect the lines of other materials",
 }  # fmt: skip
 _EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "color", "normal": "normal", "height": "height"}
