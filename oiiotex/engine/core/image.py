@@ -179,9 +179,16 @@ class Channels:
 
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
-    """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha."""
+    """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha.
+
+    Alpha has no layer, or the color's. OpenImageIO also takes that of another one, as the coverage of a Cryptomatte.
+    """
     names = [n.upper() for n in spec.channelnames]
-    alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
+    alpha = names.index("A") if "A" in names else spec.alpha_channel if spec.alpha_channel >= 0 else None
+    layers = [name.rpartition(".")[0] for name in names]
+    color = next((n for n, name in enumerate(names) if name in ("R", "Y")), int(alpha == 0 and len(names) > 1))
+    if alpha is not None and layers[alpha] not in ("", layers[color]):
+        alpha = None
     if all(c in names for c in "RGB"):
         return Channels(tuple(names.index(c) for c in "RGB"), alpha)
     if "Y" in names and not {"X", "R", "G", "B"} & set(names):
