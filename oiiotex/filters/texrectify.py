@@ -47,7 +47,8 @@ class Rectify(Gather):
     """Correct the perspective of a flat surface that was photographed obliquely.
 
     The four corners of a real rectangle become the corners of the result. The aspect ratio is derived from the
-    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `meters`.
+    perspective (Zhang and He 2007: uncropped photo) or from `meters`. The result has square pixels, also if the photo's
+    PixelAspectRatio is not 1.
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
     detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
@@ -138,10 +139,11 @@ class Rectify(Gather):
     ) -> dict[str, Any]:
         part = self.source.first
         meters = self._meters(cells)
-        width, height = found if found and not self.size and not meters else self._size(corners, meters)
+        square = self._pixel_aspect() == 1
+        width, height = found if found and square and not self.size and not meters else self._size(corners, meters)
         matrix = homography(corners, width, height)
         spec = derived_spec(part.spec, width, height)
-        for stale in ("XResolution", "YResolution", "ResolutionUnit"):
+        for stale in ("XResolution", "YResolution", "ResolutionUnit", "PixelAspectRatio"):
             spec.erase_attribute(stale)
         if meters is not None:
             spec.attribute("XResolution", width * _INCH / meters[0])
@@ -184,12 +186,19 @@ class Rectify(Gather):
         across, down = cells or (1, 1)
         return self.meters[0] * across, self.meters[1] * down
 
+    def _pixel_aspect(self) -> float:
+        """Width over height of the photo's pixels; those of the result are square."""
+        aspect: float = self.source.first.spec.get_float_attribute("PixelAspectRatio", 1.0)
+        return aspect if aspect > 0 and np.isfinite(aspect) else 1.0
+
     def _size(self, corners: np.ndarray, meters: tuple[float, float] | None) -> tuple[int, int]:
         """Size of the result, px."""
         if self.size is not None:
             return self.size.width, self.size.height
         display = self.source.first.spec
-        aspect = meters[0] / meters[1] if meters else aspect_of(corners, (display.full_width, display.full_height))
+        corners, high = corners * (self._pixel_aspect(), 1), display.full_height
+        wide = display.full_width * self._pixel_aspect()
+        aspect = meters[0] / meters[1] if meters else aspect_of(corners, (wide, high))
         across, down = sides_of(corners)
         width = max(across, down * aspect)
         found = max(1, round(width)), max(1, round(width / aspect))

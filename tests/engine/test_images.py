@@ -187,6 +187,23 @@ def test_color_is_rgb_by_name_else_the_first_three_that_are_not_alpha(names, alp
     assert channels_of(spec) == Channels(color, None if alpha < 0 else alpha)
 
 
+@pytest.mark.parametrize(
+    ("names", "alpha"),
+    [
+        (("R", "G", "B", "crypto00.R", "crypto00.A"), None),
+        (("crypto00.A", "R", "G", "B"), None),
+        (("R", "G", "B", "A", "crypto00.A"), 3),
+        (("beauty.R", "beauty.G", "beauty.B", "beauty.A"), 3),
+        (("beauty.R", "beauty.G", "beauty.B", "A"), 3),
+        (("crypto00.A",), 0),
+    ],
+)
+def test_the_alpha_of_another_layer_is_no_alpha_of_the_color(names, alpha):
+    spec = spec_of("half", 2, 2, names)
+    spec.alpha_channel = next(n for n, name in enumerate(names) if name.endswith("A"))
+    assert channels_of(spec).alpha == alpha
+
+
 @pytest.mark.parametrize(("names", "alpha"), [(("R", "G", "B", "A"), 3), (("a", "y"), 0), (("R", "G", "B"), None)])
 def test_alpha_is_found_by_name_where_the_spec_does_not_say_it(names, alpha):
     spec = spec_of("half", 2, 2, names)

@@ -197,8 +197,9 @@ def test_dither_has_the_seed_of_oiiotool(folder, tmp_path):
     assert_same_file(tmp_path / "ours" / words[-1], tmp_path / "theirs" / words[-1])
 
 
-def test_all_images_under_one_name_leave_the_last(folder, tmp_path):
+def test_all_images_under_one_name_leave_the_last_and_say_so(folder, tmp_path, caplog):
     assert run([str(folder / "a.png"), str(folder / "b.tif"), "-o:all=1", "z.png"], tmp_path) == 0
+    assert caplog.messages == ["-o: z.png replaces an earlier image of all=1: add %d, its number, to the name"]
     np.testing.assert_array_equal(load(tmp_path / "z.png"), load(folder / "b.tif"))
 
 

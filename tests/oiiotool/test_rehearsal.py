@@ -208,6 +208,35 @@ def test_frames_may_read_what_earlier_ones_write(folder):
     assert load(folder / "a.3.png").max() == 32
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("--frames 1-2 {} --texdominant:facts=f.json -o d.#.exr", "facts=f.json would be written by several frames"),
+        ("--frames 1-2 {} --texflatten:drift=f.exr -o d.#.exr --skip-bad-frames", "drift=f.exr would be written by"),
+        ("--frames 1-2 {} --texdominant:facts=f.#.json -o d.#.exr", ""),
+        ("--frames 2 {} --texdominant:facts=f.json -o d.#.exr", ""),
+    ],
+)
+def test_a_file_of_several_frames_is_refused(folder, idle, line, says):
+    with pytest.raises(Error if says else Worked, match=says or None):
+        run(shlex.split(line.format("photo.png")), folder)
+
+
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("--frames 1-3 photo.png --mulc 2 -o last.exr", 1),
+        ("--frames 1-3 photo.png --mulc 2 -o last.#.exr", 0),
+        ("--frames 1-3 other.exr photo.png --add -o other.exr", 0),
+    ],
+)
+def test_an_image_that_the_next_frame_replaces_is_warned_about(folder, caplog, line, count):
+    save(np.ones((4, 4, 3)), folder / "other.exr", "half")
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        assert run(shlex.split(line), folder) == 0
+    assert sum("is written by several frames, and only the last remains" in said for said in caplog.messages) == count
+
+
 def test_bad_frames_are_skipped_and_the_others_done(folder):
     for number in (1, 3):
         os.link(folder / "photo.png", folder / f"in.{number:04d}.png")

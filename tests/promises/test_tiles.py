@@ -288,3 +288,30 @@ def test_windows_of_a_tile_do_not_show(op: type[HostOp], number: int, monkeypatc
     for windows in windows_of(part.window):
         for window in windows:
             np.testing.assert_array_equal(part.read(window), whole[window.inside(part.window)], str(window))
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "left"),
+    [
+        ("abs", {}, ["oiiotex:atlas", "oiiotex:edges"]),
+        ("resize", {"size": "50%"}, ["oiiotex:atlas"]),
+        ("blur", {"size": "3x3"}, ["oiiotex:atlas"]),
+        ("crop", {"size": "20x20+0+0"}, []),
+        ("flip", {}, []),
+        ("rotate90", {}, []),
+        ("cshift", {"shift": "+3+4"}, []),
+        ("rotate", {"angle": 10.0}, []),
+    ],
+)
+def test_wang_tiles_that_no_longer_fit_are_not_called_so(name, arguments, left):
+    (op,) = (op for op in host.OPS if op.name == name)
+    source = Image((tile(**{"oiiotex:atlas": "2x2", "oiiotex:edges": "n0e0s0w0"}),), "atlas")
+    made = made_by(op(source=source, **arguments), Session()).first
+    assert [one for one in ("oiiotex:atlas", "oiiotex:edges") if made.spec.getattribute(one)] == left
+
+
+@pytest.mark.parametrize("name", ["flatten", "quilt"])
+def test_what_is_made_of_wang_tiles_is_none(name):
+    source = tile(pixels=TILE[..., :3], **{"oiiotex:atlas": "2x2", "oiiotex:edges": "n0e0s0w0"})
+    made = getattr(filters, name)(source.buffer(source.window)).spec()
+    assert not made.getattribute("oiiotex:atlas") and not made.getattribute("oiiotex:edges")

@@ -114,7 +114,7 @@ def test_what_cannot_be_spread_is_one_line(folder, monkeypatch, words, text):
 
 
 def test_what_needs_the_whole_image_is_not_cut(folder):
-    with pytest.raises(errors.Error, match=r"--farm cannot split --texpatchmatch, which .*; use --frames"):
+    with pytest.raises(errors.Error, match=r"--farm cannot split --texpatchmatch: each .*; distribute"):
         run(["a.png", "--texpatchmatch", "-o", "out.exr", "--farm", "openjd=job.json"])
     with pytest.raises(errors.Error, match="--share cannot split a MIP-mapped texture"):
         run([*LINE, "-otex", "out.tx", "--share", "1/2"])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import re
@@ -34,7 +35,10 @@ from tests.oiiotool.test_outputs import SIDE_FILES, used
 OUTSIDE = "is not in the product's folder"
 SUFFIXES = ("exr", "tif", "json", "png")
 # Not of a recipe: `require_lines` refuses them. Or they end the process, or ask for a machine.
-NOT_HERE = {"--farm", "--share", "--join", "--openjd", "--texlive", "--tev", "--oiioattrib"}
+NOT_HERE = {
+    "--farm", "--share", "--join", "--openjd", "--texlive", "--tev", "--oiioattrib", "--frames", "--each", "--views",
+    "--parallel-frames",
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -151,6 +155,27 @@ def test_what_is_left_out_above_is_no_recipes(name):
     words = " ".join(word(LANGUAGE.find(name), "x"))
     with pytest.raises(ParameterError, match=f"{name} cannot be used in a recipe: .*; remove it"):
         require_lines(recipe(f'[[product]]\nname = "t"\nline = "$maps {words} $outputs"\n'))
+
+
+TILE = '[[product]]\nname = "t"\nline = "$maps --texstationarize:kinds=$kinds'
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [
+        (TILE + ' --frames 1-3 $outputs"\n', "--frames cannot be used in a recipe"),
+        (TILE + ':variants=3 $outputs"\n', "product t: variants=3 makes several images of each map; add pack=atlas"),
+        (TILE + ' $outputs"\n[judge]\nlimits = ["seam>1.5"]\n', "product t does not report 'seam'; add :report="),
+        (
+            TILE + ':report=$report $outputs"\n[judge]\nlimits = ["sem>1"]\n',
+            "unknown measure 'sem', did you mean 'seam'",
+        ),
+        (TILE + ':report=$report $outputs"\n[judge]\nlimits = ["seam>1", "height_steps>0.05"]\n', ""),
+    ],
+)
+def test_what_would_be_passed_over_in_silence_is_refused(told, says):
+    with pytest.raises(ParameterError, match=re.escape(says)) if says else contextlib.nullcontext():
+        require_lines(recipe(told))
 
 
 WRITES = re.compile(

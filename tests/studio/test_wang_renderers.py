@@ -35,6 +35,7 @@ from oiiotex.synthesis.quality.seam_measures import sharpness
 from oiiotex.synthesis.wang.viewer import shader
 from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium
+from tests.peer import OIIOTOOL
 from tests.reference.materialx_graphs import evaluated
 
 TILE = 16  # px
@@ -296,6 +297,7 @@ def test_wgsl_compiles_in_a_browser(folder):
     ("words", "says"),
     [
         (["color=a.png"], "a.png is not an atlas"),
+        (["color=two.exr"], "two.exr has 2 parts: expected only the atlas"),
         (["color=color.png", "normal=small.png"], "small.png does not have the size of .*color.png"),
         (["color=color.png", "normal=roughness.png"], "roughness.png has 1 channels: expected a normal map"),
         (["color=first.png", "normal=later.png"], "later.png and first.png are from different runs"),
@@ -319,6 +321,7 @@ def test_what_cannot_be_delivered_is_one_line(folder, monkeypatch, words, says):
         image = oiio.ImageBuf(source)
         image.specmod().attribute("oiiotex:parameters", f"seed={len(source)}")
         image.write(name)
+    subprocess.run([OIIOTOOL, "color.png", "color.png", "--siappend", "-o", "two.exr"], check=True)
     with pytest.raises(errors.Error, match=says):
         run(["wang", "nowhere", *words])
     assert not Path("nowhere").exists()

@@ -86,6 +86,15 @@ def test_what_a_photo_says_of_the_size_of_its_pixels_is_not_true_of_the_result()
     assert made.spec().getattribute("XResolution") is None
 
 
+def test_a_surface_seen_through_an_anamorphic_lens_has_square_pixels_and_its_own_shape():
+    corners = seen_corners((3.0, 2.0), 0.5, 0.3)
+    photo = buffer(np.ones((SHOT[1], SHOT[0] // 2, 3)))
+    photo.specmod().attribute("PixelAspectRatio", 2.0)
+    made = filters.rectify(photo, corners=(corners / (2, 1)).ravel()).spec()
+    assert made.width / made.height == pytest.approx(1.5, rel=0.01)
+    assert made.get_float_attribute("PixelAspectRatio", 1.0) == 1
+
+
 def test_fine_detail_is_filtered_where_it_becomes_smaller():
     fine = np.indices((240, 320)).sum(0)[..., None] % 2 * np.ones(3)
     made = pixels(filters.rectify(buffer(fine), corners=(0, 0, 320, 0, 320, 240, 0, 240), size=(80, 60)))

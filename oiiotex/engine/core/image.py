@@ -14,11 +14,11 @@ from typing import TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
-from .attributes import tag_colors
+from .attributes import ATLAS, EDGES, tag_colors
 from .window import Window
 
 IDS = ("uint", "int")  # pixel types of ids
-_STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
+_STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes", ATLAS, EDGES)
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
     "half": "float16", "float": "float32", "double": "float64",
@@ -179,9 +179,16 @@ class Channels:
 
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
-    """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha."""
+    """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha.
+
+    Alpha has no layer, or the color's. OpenImageIO also takes that of another one, as the coverage of a Cryptomatte.
+    """
     names = [n.upper() for n in spec.channelnames]
-    alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
+    alpha = names.index("A") if "A" in names else spec.alpha_channel if spec.alpha_channel >= 0 else None
+    layers = [name.rpartition(".")[0] for name in names]
+    color = next((n for n, name in enumerate(names) if name in ("R", "Y")), int(alpha == 0 and len(names) > 1))
+    if alpha is not None and layers[alpha] not in ("", layers[color]):
+        alpha = None
     if all(c in names for c in "RGB"):
         return Channels(tuple(names.index(c) for c in "RGB"), alpha)
     if "Y" in names and not {"X", "R", "G", "B"} & set(names):

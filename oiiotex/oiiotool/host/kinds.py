@@ -17,7 +17,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ...engine.core.access import Pointwise, Whole
+from ...engine.core.access import Neighborhood, Pointwise, Whole
+from ...engine.core.attributes import ATLAS, EDGES
 from ...engine.core.image import Image, Part, Pixels, cropped, in_memory
 from ...engine.core.op import Kind, Op, Output, Plan, Space, no_pixels
 from ...engine.core.parameters import Parameter, declared, image, param
@@ -113,7 +114,7 @@ class HostOp(Op):
             made = result(parts, facts)
             if self.mixes and not isinstance(self, Pointwise) and made.stored is None and not part.exact:
                 require_no_ids(part, self.flag())
-            return retiled(made, self.tiling(parts, made))
+            return self._without_lost_edges(retiled(made, self.tiling(parts, made)), part)
 
         if not part.exact:
             made, typed = tile(), next((one for one in parts if one.typed), None)
@@ -125,6 +126,21 @@ class HostOp(Op):
                 hint=f"exclude it: :subimages=-{part.name}, or no -a",
             )
         return dataclasses.replace(tile(), stored=part.stored, exact=True)
+
+    def _without_lost_edges(self, made: Part, part: Part) -> Part:
+        """The result without the attributes of Wang tiles that no longer hold.
+
+        Values may change, and an atlas, which repeats, may be resized or filtered. Tiles that were moved or cut fit no
+        longer.
+        """
+        tiling = tiling_of(made.spec)
+        still = isinstance(self, Pointwise) and tiling == tiling_of(part.spec) and made.window.size == part.window.size
+        around = len(self.inputs()) == 1 and (self.rescales or isinstance(self, Neighborhood))
+        stays = {EDGES: still, ATLAS: still or (around and tiling == "xy")}
+        for name, kept in stays.items():
+            if not kept and made.spec.getattribute(name) is not None:
+                made = made.respecced(operator.methodcaller("erase_attribute", name))
+        return made
 
     def inputs(self) -> list[Image]:
         """The given images, in the order of declaration."""

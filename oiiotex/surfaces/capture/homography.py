@@ -79,7 +79,7 @@ def sides_of(corners: np.ndarray) -> tuple[float, float]:
     return float(max(top, bottom)), float(max(left, right))
 
 
-def aspect_of(corners: np.ndarray, size: tuple[int, int]) -> float:
+def aspect_of(corners: np.ndarray, size: tuple[float, float]) -> float:
     """Aspect ratio, width over height, of the rectangle seen at four corners.
 
     By Zhang and He (Whiteboard scanning and image enhancement, Digital Signal Processing 17(2), 2007, section 3): the

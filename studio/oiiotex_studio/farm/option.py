@@ -57,7 +57,8 @@ def _require_shares(command: CommandLine) -> None:
     """Refuse a line whose ops need the whole image for every share."""
     for step in command.steps:
         if step.op is not None and issubclass(step.op, (Whole, InBands)):
-            raise ParameterError(f"--farm cannot split {step.name}, which {step.op.reach}", hint="use --frames")
+            problem = f"--farm cannot split {step.name}: each share would compute the whole image"
+            raise ParameterError(problem, hint="distribute frames with --frames, or use one machine")
 
 
 def _on_dask(

@@ -148,6 +148,8 @@ def side_of(maps: Mapping[str, Image]) -> int:
                 f"{image.source} is not an atlas: make it with --texstationarize:variants=16:pack=atlas, as EXR or PNG,"
                 " which keep the attribute oiiotex:atlas"
             )
+        if len(image.parts) > 1:
+            raise Error(f"{image.source} has {len(image.parts)} parts: expected only the atlas; omit st=1 and drift=1")
         if role == "normal" and spec.nchannels < 3:
             raise Error(f"{image.source} has {spec.nchannels} channels: expected a normal map, which has 3")
         if (side, spec.width, spec.height) != (

@@ -17,20 +17,23 @@ from oiiotex.engine.errors import Error, ParameterError, within
 
 from ..api.files import OUTSIDE, OutsideError, writing_only_below
 from ..api.images import from_array
-from ..api.lines import LANGUAGE, parse, split_modifiers
+from ..api.lines import LANGUAGE, nearest, parse, split_modifiers
 from ..api.lines import Step as WrittenStep
 from ..materials.naming import COLORS, ROLES
 from .found import MapFile
 from .recipe import Deliver, LibraryRecipe
 
+LIBRARY_MEASURES = ("normal_length", "height_steps", "hex_fidelity", "labels", "tiles")  # measured without a report
 SOURCE = "source"  # folder of a material's maps while lines run
 _HOLE = re.compile(r"\$(?:(\$)|\{([a-z_0-9.]+)\}|([a-z_0-9]+(?:\.[a-z_0-9]+)?))")
 _FLIP = ("--mulc", "1,-1,1", "--addc", "0,1,0")  # inverts y of normals in 0..1: DirectX to OpenGL
 _SPREADS = "`oiiotex-library ingest` distributes materials itself"
 _SHOWS = "a library is made without a display"
+_ONCE = "a line runs once for each material"
 _NOT_HERE = {
-    "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
-    "--tev": _SHOWS, "--oiioattrib": "it would affect the lines of other materials",
+    "--frames": _ONCE, "--each": _ONCE, "--views": _ONCE, "--parallel-frames": _ONCE, "--farm": _SPREADS,
+    "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS, "--tev": _SHOWS,
+    "--oiioattrib": "it would affect the lines of other materials",
 }  # fmt: skip
 _EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "color", "normal": "normal", "height": "height"}
@@ -104,11 +107,32 @@ def require_lines(recipe: LibraryRecipe) -> str:
     if len(delivered) != 1:
         raise ParameterError(f"{len(delivered)} products have $outputs: expected exactly one, which is delivered")
     ops = [each for each in parse(list(delivered[0].words), LANGUAGE).steps if each.op]
-    packed = any(split_modifiers(each.word)[1].get("pack") == "atlas" for each in ops)
+    modifiers = [split_modifiers(each.word)[1] for each in ops]
+    packed = any(own.get("pack") == "atlas" for own in modifiers)
     if recipe.deliver.wang and not packed:
         hint = "add :variants=16:size=512x512:pack=atlas to --texstationarize"
         raise ParameterError(f"product {delivered[0].product}: wang = true delivers atlases of Wang tiles; {hint}")
+    sets = [own["variants"] for own in modifiers if own.get("variants", "1") != "1"]
+    if sets and not packed:
+        problem = f"product {delivered[0].product}: variants={sets[-1]} makes several images of each map"
+        raise ParameterError(problem, hint="add pack=atlas, which delivers them as one, or remove variants")
+    _require_measured(recipe, delivered[0].product)
     return delivered[0].product
+
+
+def _require_measured(recipe: LibraryRecipe, name: str) -> None:
+    """Raise ParameterError for limits of measures that do not exist, or that no report of the delivered product has."""
+    from ..api.measures import REPORT_MEASURES
+
+    line = next(product.line for product in recipe.products if product.name == name)
+    for measure in (limit.measure for limit in recipe.limits if limit.measure not in LIBRARY_MEASURES):
+        if measure not in REPORT_MEASURES:
+            known = (*LIBRARY_MEASURES, *REPORT_MEASURES)
+            problem = f"judge: limits: unknown measure '{measure}'{nearest(measure, known)}"
+            raise ParameterError(problem, hint=f"expected one of {', '.join(known)}")
+        if not re.search(r"\$(report\b|\{report\})", line):
+            problem = f"judge: limits: product {name} does not report '{measure}'"
+            raise ParameterError(problem, hint="add :report=$report to the op of its line, or remove the limit")
 
 
 def require_confined(recipe: LibraryRecipe) -> None:

@@ -77,10 +77,14 @@ def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
         return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
         return _write_one(chain, chain.expressed(path), given)
-    saved = list(chain.stack)
+    saved, names = list(chain.stack), set[str]()
     for n, image in enumerate(saved):
         chain.stack = [*saved[:n], image]
-        _write_one(chain, _numbered(chain.expressed(path), n + given.all), dataclasses.replace(given, all=None))
+        name = _numbered(chain.expressed(path), n + given.all)
+        if name in names:  # as oiiotool, which does not say so
+            log.warning("-o: %s replaces an earlier image of all=%d: add %%d, its number, to the name", name, given.all)
+        names.add(name)
+        _write_one(chain, name, dataclasses.replace(given, all=None))
     chain.stack = saved
     return None
 

@@ -89,7 +89,7 @@ def _checked(todo: list[Frame], session: Session, command: CommandLine, words: l
         from ....engine.opencl import device_choice
 
         device_choice.require_named(session.settings.device_name, session.settings.threads)
-    rehearsals = Rehearsals(session, owners={os.path.realpath(frame.file): frame.file for frame in todo if frame.file})
+    rehearsals = Rehearsals(session, owners={os.path.realpath(frame.file): frame for frame in todo if frame.file})
     tasks, notes, status = [], dict[tuple[int, str], None](), 0
     for frame in todo:
         try:

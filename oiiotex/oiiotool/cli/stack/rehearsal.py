@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 _MOST_STEPS = 2000  # in loops; the rest is left to the run
+_SEVERAL = "add # (the frame), %V (the view) or <UDIM> (the tile) to its name"
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Foresight:
 
 
 class CollisionError(ParameterError):
-    """The lines of two files of --each write the same file."""
+    """The lines of two files of --each, or two frames, write the same file."""
 
 
 @dataclass
@@ -64,7 +65,7 @@ class Rehearsals:
 
     session: Session
     files: dict[str, Image] = field(default_factory=dict)  # that the run will write, by their real paths
-    owners: dict[str, str] = field(default_factory=dict)  # the file of --each to which a path belongs
+    owners: dict[str, Frame] = field(default_factory=dict)  # the first line to which a path belongs
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
         """Rehearse the steps; raises the errors that the run would raise."""
@@ -148,10 +149,12 @@ class _Rehearsal(Chain):
         frame: Frame | None,
         files: dict[str, Image],
         measures: bool,
-        owners: dict[str, str],
+        owners: dict[str, Frame],
     ):
         super().__init__(session, read_input, frame)
         self._files, self._owners = files, owners
+        self._continued: set[str] = set()  # files of earlier lines that this one reads
+        self._replaced: list[str] = []  # warnings of files of earlier frames that it replaces
         self._measures = measures  # the run prints them
         self._count = 0
         self._needed = 0  # steps up to the last that prints or writes
@@ -171,6 +174,7 @@ class _Rehearsal(Chain):
         control = max((n + 1 for n, step in enumerate(steps) if step.option and step.option.control), default=0)
         needed = max(self._needed, control) if self._needed else 0
         notes = [(level, text) for position, level, text in self._notes if position > needed]
+        notes += [(logging.WARNING, text) for text in self._replaced]
         if self.unwritten and not self.used:
             notes.append((logging.WARNING, "no file was written: did you forget -o?"))
         elif self.unwritten and self._outputs:
@@ -207,8 +211,9 @@ class _Rehearsal(Chain):
         self._last = op.flag()
         self._uses += 1
         measured = self._measures and op.prefix == Op.prefix
-        for path in op.files().values():
-            self._own(str(path))
+        for name, path in op.files().items():
+            if (owner := self._other_owner(str(path))) is not None:
+                self._refuse_shared(str(path), owner, f"{op.output(name).asked_by}=")
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
         with self._certainly():
@@ -268,20 +273,36 @@ class _Rehearsal(Chain):
                 and os.path.realpath(path) == os.path.realpath(self.frame.file)
             ):
                 raise CollisionError(f"{path} is the input", hint="use another folder or name")
-            self._own(path)
+            self._require_own(path)
             require_writable(image, path, how, self._place_of(path))
         self._files[os.path.realpath(path)] = as_provisional(image)
 
-    def _own(self, path: str) -> None:
-        """Refuse an input or output that is also one of another file of --each."""
-        if self.frame is None or not self.frame.file:
+    def _require_own(self, path: str) -> None:
+        """Refuse an output of another file of --each; warn of one that replaces that of another frame."""
+        owner = self._other_owner(path)
+        if owner is None:
             return
-        owner = self._owners.setdefault(os.path.realpath(path), self.frame.file)
-        if owner != self.frame.file:
+        if owner.file:
+            self._refuse_shared(path, owner)
+        if os.path.realpath(path) not in self._continued:
+            self._replaced.append(f"{path} is written by several frames, and only the last remains: {_SEVERAL}")
+
+    def _other_owner(self, path: str) -> Frame | None:
+        """The line to which an input or output belongs, if it is another one."""
+        if self.frame is None:
+            return None
+        owner = self._owners.setdefault(os.path.realpath(path), self.frame)
+        return None if owner is self.frame else owner
+
+    def _refuse_shared(self, path: str, owner: Frame, request: str = "") -> NoReturn:
+        """Raise the error for a file of two lines; `request` is the modifier that asks for it."""
+        if self.frame is not None and self.frame.file:
             raise CollisionError(
-                f"{path} is an input or output of both {owner} and {self.frame.file}",
+                f"{path} is an input or output of both {owner.file} and {self.frame.file}",
                 hint="use {name}, {dir} and {ext} of --each in the names of outputs",
             )
+        problem = f"{request}{path} would be written by several frames, and only the last would remain"
+        raise CollisionError(problem, hint=_SEVERAL)
 
     def _place_of(self, path: str) -> str:
         """A file name, in an existing folder if --create-dir will create its own."""
@@ -298,6 +319,7 @@ class _Rehearsal(Chain):
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
         """The image of a file, without pixels."""
         if os.path.realpath(path) in self._files:
+            self._continued.add(os.path.realpath(path))
             return self._watched(Image(self._files[os.path.realpath(path)].parts, path))
         with self._certainly():
             return super().opened(path, native, config)
