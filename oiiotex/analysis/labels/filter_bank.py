@@ -15,6 +15,7 @@ import numpy as np
 from ...engine.core.elementary import exponential, gaussian_taps
 from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
+from .products import wide_of
 
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
@@ -133,19 +134,22 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
         Radius of the Gaussian, in sigmas.
     """
     device, (count, height, width) = resources.device, layers.shape
-    taps = gaussian_taps(sigma, reach)
-    radius = len(taps) // 2
-    looks = np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric")
+    taps, wide = gaussian_taps(sigma, reach), wide_of(resources)
+    radius, rest = len(taps) // 2, -width % wide
+    looks = np.pad(np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric"), ((0, 0), (0, 0), (0, rest)))
     mirrored = np.pad(np.arange(height, dtype=np.int32), radius, "symmetric")
-    weights = device.upload(taps[radius:].astype(np.float32))
+    weights, stride = device.upload(taps[radius:].astype(np.float32)), width + rest
     run = device.program("filter_bank", PLANES=PLANES)
-    layout = {"across": layers.nbytes, "down": layers.nbytes}
-    with Buffers(device, layout, resources.budget, "the filter bank", tables={"looks": looks}) as buffers:
-        numbers = radius, width, count * height
-        run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
-        rows, sizes = device.upload(mirrored), (radius, width, height, count)
-        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
-        return device.read(buffers["down"], layers.shape, np.float32)
+    size = 4 * count * height * stride
+    with Buffers(
+        device, {"across": size, "down": size}, resources.budget, "the filter bank", tables={"looks": looks}
+    ) as buffers:
+        numbers = radius, stride, count * height
+        run("across", (stride // wide, count * height), buffers["looks"], buffers["across"], weights, *numbers)
+        rows, sizes = device.upload(mirrored), (radius, stride, height, count)
+        run("down", (stride // wide, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
+        blurred = device.read(buffers["down"], (count, height, stride), np.float32)
+    return np.ascontiguousarray(blurred[..., :width])
 
 
 def texton_map(
@@ -175,11 +179,12 @@ def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resource
 
     `planes` (24, n) int16; `centers` (k, 24) int32.
     """
-    device, pixels = resources.device, planes.shape[1]
-    tables = device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))
+    device, pixels, wide = resources.device, planes.shape[1], wide_of(resources)
+    planes = np.pad(planes, ((0, 0), (0, -pixels % wide))) if pixels % wide else planes
+    tables, size = (device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))), planes.shape[1]
     run = device.program("filter_bank", PLANES=PLANES)
-    with Buffers(device, {"nearest": pixels}, resources.budget, "textons", tables={"planes": planes}) as buffers:
-        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centers))
+    with Buffers(device, {"nearest": size}, resources.budget, "textons", tables={"planes": planes}) as buffers:
+        run("nearest", (size // wide,), buffers["planes"], *tables, buffers["nearest"], size, len(centers))
         return device.read(buffers["nearest"], (pixels,), np.uint8)
 
 
