@@ -56,11 +56,16 @@ __kernel void factorization_step(const __global int *restrict starts, const __gl
   int i = get_global_id(0);
   if (i >= rows) return;
   f8 sum = 0.0f;
-  for (int p = starts[i], end = starts[i + 1]; p < end; p += 8) {
-#pragma unroll
-    for (int t = 0; t < 8; t++)   // an index that is not constant would put the sums into memory
-      if (p + t < end) sum[t] += weights[p + t] * x[columns[p + t]];
+  int p = starts[i], end = starts[i + 1];
+  for (; p + 8 <= end; p += 8) {
+    f8 at;
+#pragma unroll   // an index that is not constant would put the vector into memory
+    for (int t = 0; t < 8; t++) at[t] = x[columns[p + t]];
+    sum += *(const __global f8 *)(weights + p) * at;
   }
+#pragma unroll
+  for (int t = 0; t < 8; t++)
+    if (p + t < end) sum[t] += weights[p + t] * x[columns[p + t]];
   out[i] = sum8(sum);
 }
 
