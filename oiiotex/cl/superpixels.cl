@@ -362,8 +362,9 @@ __kernel void superpixels_blur(const __global float *restrict from, __global flo
   int x = get_global_id(0) * FW, y = get_global_id(1) % height, c = get_global_id(1) / height;
   if (x >= width || c >= 4) return;
   size_t at = c * (size_t)plane + AT(y + margin, x + margin, stride);
+  const __global float *seen = from + at - (long)radius * step;
   fv sum = 0.0f;
-  for (int k = -radius; k <= radius; k++) sum += taps[k + radius] * *(const __global fv *)(from + at + (long)k * step);
+  for (int k = 0; k <= 2 * radius; k++, seen += step) sum += taps[k] * *(const __global fv *)seen;
   if (x + FW <= width)
     *(__global fv *)(to + at) = sum;
 #if FW > 1
