@@ -7,7 +7,7 @@
 
 #define FAR 2147483647
 
-// An item processes WIDE neighbors, to whose multiple rows are padded.
+// An item processes WIDE neighbors; rows of layers are padded to a multiple of them.
 #if LANES > 1
 #define WIDE 8   // columns or pixels per item
 typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
@@ -52,11 +52,11 @@ __kernel void filter_bank_down(const __global float *restrict across, __global f
 }
 
 // The center nearest to a pixel's PLANES numbers, ties to the first: by |v - c|^2 - |v|^2, with |c|^2 in `squares` and
-// 2 c in `doubled`.
+// 2 c in `doubled`. The last item reads pixels of the one before again; there are at least WIDE.
 __kernel void filter_bank_nearest(const __global short *restrict planes, __constant int *doubled,
                                   __constant int *squares, __global uchar *restrict nearest, int pixels, int count) {
-  int i = get_global_id(0) * WIDE;
-  if (i >= pixels) return;
+  int own = get_global_id(0) * WIDE, i = own + WIDE > pixels ? pixels - WIDE : own;
+  if (own >= pixels) return;
   iv values[PLANES], least = FAR, found = 0;
 #pragma unroll
   for (int k = 0; k < PLANES; k++) values[k] = CONVERTED(*(const __global sv *)(planes + AT(k, i, pixels)), iv);
@@ -67,5 +67,10 @@ __kernel void filter_bank_nearest(const __global short *restrict planes, __const
     found = away < least ? (iv)c : found;
     least = away < least ? away : least;
   }
-  *(__global ucv *)(nearest + i) = CONVERTED(found, ucv);
+  if (i == own)
+    *(__global ucv *)(nearest + i) = CONVERTED(found, ucv);
+#if WIDE > 1
+  else
+    for (; own < pixels; own++) nearest[own] = (uchar)found[own - i];
+#endif
 }

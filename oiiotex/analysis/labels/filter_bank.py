@@ -156,10 +156,8 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
     mirrored = np.pad(np.arange(height, dtype=np.int32), radius, "symmetric")
     weights, stride = device.upload(taps[radius:].astype(np.float32)), width + rest
     run = device.program("filter_bank", PLANES=PLANES)
-    size = 4 * count * height * stride
-    with Buffers(
-        device, {"across": size, "down": size}, resources.budget, "the filter bank", tables={"looks": looks}
-    ) as buffers:
+    layout = dict.fromkeys(("across", "down"), 4 * count * height * stride)
+    with Buffers(device, layout, resources.budget, "the filter bank", tables={"looks": looks}) as buffers:
         numbers = radius, stride, count * height
         run("across", (stride // wide, count * height), buffers["looks"], buffers["across"], weights, *numbers)
         rows, sizes = device.upload(mirrored), (radius, stride, height, count)
@@ -196,11 +194,13 @@ def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resource
     `planes` (24, n) int16; `centers` (k, 24) int32.
     """
     device, pixels, wide = resources.device, planes.shape[1], wide_of(resources)
-    planes = np.pad(planes, ((0, 0), (0, -pixels % wide))) if pixels % wide else planes
-    tables, size = (device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))), planes.shape[1]
+    tables = device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))
+    if pixels < wide:
+        planes = np.pad(planes, ((0, 0), (0, wide - pixels)))
+    size = planes.shape[1]
     run = device.program("filter_bank", PLANES=PLANES)
     with Buffers(device, {"nearest": size}, resources.budget, "textons", tables={"planes": planes}) as buffers:
-        run("nearest", (size // wide,), buffers["planes"], *tables, buffers["nearest"], size, len(centers))
+        run("nearest", (-(-size // wide),), buffers["planes"], *tables, buffers["nearest"], size, len(centers))
         return device.read(buffers["nearest"], (pixels,), np.uint8)
 
 

@@ -261,22 +261,11 @@ class Slic:
         run = device.program("slic_seeds")
         edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
         seeds, cells = (buffers["centers"], buffers["moved"]), (buffers["candidates"], buffers["active"])
+        sums = buffers["totals"], buffers["active"]
         weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
 
         def move(start: int) -> None:
-            run(
-                "move",
-                shape,
-                buffers["totals"],
-                buffers["active"],
-                *edges,
-                *seeds,
-                *shape,
-                *grid.periods,
-                weight,
-                still,
-                start,
-            )
+            run("move", shape, *sums, *edges, *seeds, *shape, *grid.periods, weight, still, start)
 
         def follow(start: int) -> None:
             run("follow", shape, *seeds, *edges, *cells, *shape, *grid.periods, _ABSENT, *units, start)
