@@ -164,7 +164,7 @@ def load(threads: int = 0) -> ModuleType:
 def built_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
     """A built program, from the cache folder if it is there.
 
-    PoCL has a cache of its own, but preprocesses the source to find the program in it, which takes 30 ms each time.
+    PoCL has a cache, too, but preprocesses the source to find the program there, which takes 30 ms each time.
 
     Raises
     ------
