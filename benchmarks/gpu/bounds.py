@@ -119,7 +119,6 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "atlas_adopt": lambda a: 20 * a.count,
     "features_pool": lambda a: a.counts + a.pooled,
     "affinity_nearest": lambda a: a.points + 8 * a.rows * a.wanted,
-    "affinity_mutual": lambda a: a.index + a.mutual,
     "affinity_similar": lambda a: a.columns + a.squared + a.counted + a.weights,
     "affinity_scaled": lambda a: a.columns + 2 * a.weights,
     "factorization_spread": lambda a: a.columns + a.weights + a.x + a.before + a.out,

@@ -64,10 +64,13 @@ __kernel void affinity_nearest(const __global short *restrict points, const __gl
   __global int *apart = squared + AT(i, 0, wanted);
   measure(points, away, i, count, padded, pairs);
   away[i] = FAR;
-  int bound = 0;   // the largest bound with fewer than `wanted` distances below it, found bit by bit
-  for (int bit = 30; bit >= 0; bit--)
-    if (below(away, padded, bound | (1 << bit)) < wanted) bound |= 1 << bit;
-  int ties = wanted - below(away, padded, bound), n = 0;
+  // the largest bound with fewer than `wanted` distances below it, found bit by bit, or one with `wanted`
+  int bound = 0, under = 0, n = 0;
+  for (int bit = 30; bit >= 0 && under < wanted; bit--) {
+    int fewer = below(away, padded, bound | (1 << bit));
+    if (fewer <= wanted) bound |= 1 << bit, under = fewer;
+  }
+  int ties = wanted - under;
   int near[LOCAL], many[LOCAL], seen = copies[i] - 1;
   for (int t = 0; t < LOCAL; t++) near[t] = FAR, many[t] = 0;
   for (int j = 0; j < count && n < wanted; j++) {
@@ -87,20 +90,6 @@ __kernel void affinity_nearest(const __global short *restrict points, const __gl
     scale = near[t];
   }
   scales[i] = scale;
-}
-
-// For all pairs (point, neighbor): whether the point is also among the neighbor's nearest.
-__kernel void affinity_mutual(const __global int *restrict index, __global uchar *restrict mutual, int count,
-                              int wanted) {
-  int k = get_global_id(0), i = get_global_id(1);
-  if (k >= wanted || i >= count) return;
-  const __global int *others = index + AT(index[AT(i, k, wanted)], 0, wanted);
-  int low = 0, high = wanted - 1;
-  while (low < high) {
-    int middle = (low + high) / 2;
-    if (others[middle] < i) low = middle + 1; else high = middle;
-  }
-  mutual[AT(i, k, wanted)] = others[low] == i;
 }
 
 // LSA16 eq. 4: weights of a node's edges and their sum. `near` holds 1 / scale of each node, `counted` the weight of

@@ -24,16 +24,29 @@ static inline float sum8(f8 v) {
   return (a + c) + (b + d);
 }
 
-// alpha S x + beta x + gamma before, S a sparse matrix by rows.
+// alpha S x + beta x + gamma before, S a sparse matrix by rows; `width` is a multiple of SPREAD * WIDE.
+#if LANES > 1
+#define SPREAD 6   // an item reads an entry of S once for 48 columns (products.py)
+#else
+#define SPREAD 1
+#endif
 __kernel void factorization_spread(const __global int *restrict starts, const __global int *restrict columns,
                                    const __global float *restrict weights, const __global float *restrict x,
                                    const __global float *restrict before, __global float *restrict out, int rows,
                                    int width, float alpha, float beta, float gamma) {
-  int j = get_global_id(0) * WIDE, i = get_global_id(1);
-  if (j >= width || i >= rows) return;
-  fv sum = 0.0f;
-  for (int p = starts[i]; p < starts[i + 1]; p++) sum += weights[p] * SEEN(x, columns[p], j, width);
-  COLUMNS(out, i, j, width) = (alpha * sum + beta * SEEN(x, i, j, width)) + gamma * SEEN(before, i, j, width);
+  int blocks = width / (SPREAD * WIDE), i = get_global_id(0) / blocks, j = get_global_id(0) % blocks * SPREAD * WIDE;
+  if (i >= rows) return;
+  fv sum[SPREAD];
+#pragma unroll
+  for (int t = 0; t < SPREAD; t++) sum[t] = 0.0f;
+  for (int p = starts[i]; p < starts[i + 1]; p++)
+#pragma unroll
+    for (int t = 0; t < SPREAD; t++) sum[t] += weights[p] * SEEN(x, columns[p], j + t * WIDE, width);
+#pragma unroll
+  for (int t = 0; t < SPREAD; t++) {
+    int k = j + t * WIDE;
+    COLUMNS(out, i, k, width) = (alpha * sum[t] + beta * SEEN(x, i, k, width)) + gamma * SEEN(before, i, k, width);
+  }
 }
 
 // S x, x a vector.
@@ -43,11 +56,16 @@ __kernel void factorization_step(const __global int *restrict starts, const __gl
   int i = get_global_id(0);
   if (i >= rows) return;
   f8 sum = 0.0f;
-  for (int p = starts[i], end = starts[i + 1]; p < end; p += 8) {
-#pragma unroll
-    for (int t = 0; t < 8; t++)   // an index that is not constant would put the sums into memory
-      if (p + t < end) sum[t] += weights[p + t] * x[columns[p + t]];
+  int p = starts[i], end = starts[i + 1];
+  for (; p + 8 <= end; p += 8) {
+    f8 at;
+#pragma unroll   // an index that is not constant would put the vector into memory
+    for (int t = 0; t < 8; t++) at[t] = x[columns[p + t]];
+    sum += *(const __global f8 *)(weights + p) * at;
   }
+#pragma unroll
+  for (int t = 0; t < 8; t++)
+    if (p + t < end) sum[t] += weights[p + t] * x[columns[p + t]];
   out[i] = sum8(sum);
 }
 
@@ -67,9 +85,11 @@ __kernel void factorization_gram(const __global float *restrict a, const __globa
   int j = get_global_id(0) * WIDE, k = get_global_id(1) * WIDE;
   if (j >= width || k >= tall) return;
   fv sum[WIDE];
+#pragma unroll
   for (int t = 0; t < WIDE; t++) sum[t] = 0.0f;
   for (int i = 0; i < rows; i++) {
     fv right = SEEN(b, i, j, width);
+#pragma unroll   // otherwise sums are in memory
     for (int t = 0; t < WIDE; t++) sum[t] += a[AT(i, k + t, tall)] * right;
   }
   for (int t = 0; t < WIDE; t++) COLUMNS(out, k + t, j, width) = sum[t];

@@ -23,25 +23,41 @@ __kernel void potts_around(const __global int *restrict starts, const __global i
   around[AT(k, i, places)] = count > 1 ? sum * reciprocal((float)count) : sum;
 }
 
-// Label probabilities, proportional to e^(alone + coupling around), 0 where nothing is opaque.
+// Label probabilities, proportional to e^(alone + coupling around), 0 where nothing is opaque. An item computes BLOCK
+// places, so that compilers for CPUs turn the loops over them into vectors.
+#if LANES > 1
+#define BLOCK 16   // potts.py
+#else
+#define BLOCK 1
+#endif
 __kernel void potts_members(const __global float *restrict alone, const __global float *restrict around,
                             const __global uchar *restrict seen, __global float *restrict member, int places,
                             int labels, float coupling) {
-  int i = get_global_id(0);
-  if (i >= places) return;
-  float most = -1e30f, total = 0.0f;
+  int first = get_global_id(0) * BLOCK, count = places - first < BLOCK ? places - first : BLOCK;
+  if (count <= 0) return;
+  float most[BLOCK], scale[BLOCK];
+  for (int i = 0; i < count; i++) most[i] = -1e30f, scale[i] = 0.0f;
   for (int k = 0; k < labels; k++) {
-    float pull = alone[AT(k, i, places)] + coupling * around[AT(k, i, places)];
-    most = pull > most ? pull : most;
-    member[AT(k, i, places)] = pull;
+    size_t at = AT(k, first, places);
+    for (int i = 0; i < count; i++) {
+      float pull = alone[at + i] + coupling * around[at + i];
+      most[i] = pull > most[i] ? pull : most[i];
+      member[at + i] = pull;
+    }
   }
   for (int k = 0; k < labels; k++) {
-    float share = exponential(member[AT(k, i, places)] - most);
-    member[AT(k, i, places)] = share;
-    total += share;
+    size_t at = AT(k, first, places);
+    for (int i = 0; i < count; i++) {
+      float share = exponential(member[at + i] - most[i]);
+      member[at + i] = share;
+      scale[i] += share;
+    }
   }
-  float scale = seen[i] ? reciprocal(total) : 0.0f;
-  for (int k = 0; k < labels; k++) member[AT(k, i, places)] *= scale;
+  for (int i = 0; i < count; i++) scale[i] = seen[first + i] ? reciprocal(scale[i]) : 0.0f;
+  for (int k = 0; k < labels; k++) {
+    size_t at = AT(k, first, places);
+    for (int i = 0; i < count; i++) member[at + i] *= scale[i];
+  }
 }
 
 // The label with the most votes at every pixel, ties to the first: votes of cells, (label, cell y, cell x), are

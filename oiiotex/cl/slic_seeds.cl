@@ -13,14 +13,26 @@ static inline int middle_of(const __global int *edges, int i) { return (edges[i]
 static inline int is_cell(int i, int count, int period) { return period || (i >= 0 && i < count); }
 static inline int turns(int i, int count) { return i < 0 ? -1 : i >= count; }
 
+// The nearest integer, ties to the even one: rint is a function call on CPUs. For less than 2^51 in magnitude.
+static inline double rounded(double x) { return x + 6755399441055744.0 - 6755399441055744.0; }
+
 // Centers (L, a, b, x, y) move to the mean of their pixels if its squared distance exceeds `still`; at the `start` all
-// move, and seeds without pixels become NaN.
-__kernel void slic_seeds_move(const __global long *restrict totals, const __global int *restrict row_edges,
-                              const __global int *restrict edges, __global double *restrict centers,
-                              __global uchar *restrict moved, int across, int down, int width, int height,
-                              double weight, double still, int start) {
+// move, and seeds without pixels become NaN. A seed without an `active` cell around it has the pixels that it had.
+__kernel void slic_seeds_move(const __global long *restrict totals, const __global uchar *restrict active,
+                              const __global int *restrict row_edges, const __global int *restrict edges,
+                              __global double *restrict centers, __global uchar *restrict moved, int across, int down,
+                              int width, int height, double weight, double still, int start) {
   int gx = get_global_id(0), gy = get_global_id(1);
   if (gx >= across || gy >= down) return;
+  size_t seed = AT(gy, gx, across);
+  int some = start;
+  for (int t = 0; t < 9; t++) {
+    int x = gx + 1 - t % 3, y = gy + 1 - t / 3;
+    if (is_cell(x, across, width) && is_cell(y, down, height))
+      some |= active[AT(y - turns(y, down) * down, x - turns(x, across) * across, across)];
+  }
+  moved[seed] = 0;
+  if (!some) return;
   long sum[SUMS] = {0, 0, 0, 0, 0, 0};
   for (int t = 0; t < 9; t++) {   // the seed's slot in a neighboring cell
     int x = gx + 1 - t % 3, y = gy + 1 - t / 3;
@@ -33,7 +45,6 @@ __kernel void slic_seeds_move(const __global long *restrict totals, const __glob
     sum[4] += from[0] * (middle_of(edges, x) + right * width);
     sum[5] += from[0] * (middle_of(row_edges, y) + below * height);
   }
-  size_t seed = AT(gy, gx, across);
   double n = (double)sum[0], mean[5], squared[5];
   for (int k = 0; k < 5; k++) {
     mean[k] = (double)sum[k + 1] / n;
@@ -65,12 +76,12 @@ __kernel void slic_seeds_follow(const __global double *restrict centers, const _
     candidate c = (candidate)(absent, 0, 0, 0);
     const __global double *v = centers + 5 * AT(y - below * down, x - right * across, across);
     if (is_cell(x, across, width) && is_cell(y, down, height) && v[0] == v[0]) {
-      double L = rint(v[0] * per_color), a = rint(v[1] * per_color), b = rint(v[2] * per_color);
-      double i = rint((v[3] + right * width - middle_of(edges, gx)) * per_place);
-      double j = rint((v[4] + below * height - middle_of(row_edges, gy)) * per_place);
+      double L = rounded(v[0] * per_color), a = rounded(v[1] * per_color), b = rounded(v[2] * per_color);
+      double i = rounded((v[3] + right * width - middle_of(edges, gx)) * per_place);
+      double j = rounded((v[4] + below * height - middle_of(row_edges, gy)) * per_place);
       double base = (L * L + a * a + b * b) / color_unit;
       base += (i * i + j * j) * place_unit;
-      c.x = (int)rint(base);
+      c.x = (int)rounded(base);
       c.y = ((int)L & 0xffff) | (int)a << 16;
       c.z = ((int)b & 0xffff) | (int)i << 16;
       c.w = (int)j;

@@ -85,6 +85,7 @@ typedef short sv2 __attribute__((ext_vector_type(32)));
 typedef uchar ucv __attribute__((ext_vector_type(16), aligned(1)));
 #define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 static inline int any_of(iv v) { int8 h = v.lo | v.hi; int4 q = h.lo | h.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+#define total_of total16
 #else
 typedef int iv __attribute__((ext_vector_type(8)));
 typedef int iv2 __attribute__((ext_vector_type(16), aligned(4)));
@@ -92,12 +93,8 @@ typedef short sv2 __attribute__((ext_vector_type(16)));
 typedef uchar ucv __attribute__((ext_vector_type(8), aligned(1)));
 #define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7)
 static inline int any_of(iv v) { int4 q = v.lo | v.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+#define total_of total8
 #endif
-static inline int total_of(iv v) {
-  int sum = 0;
-  for (int k = 0; k < VW; k++) sum += v[k];
-  return sum;
-}
 // Products of adjacent 16-bit pairs added into 32 bits: this shape compiles to one multiply-add.
 static inline iv dot2(iv a, iv b) {
   sv2 p = __builtin_astype(a, sv2), q = __builtin_astype(b, sv2);
@@ -163,15 +160,18 @@ __kernel void superpixels_assign(const __global int *restrict lab, const __globa
 }
 #endif
 
-// Sums over the strips of each active cell, one item for each of a cell's sums.
+// Sums over the strips of each active cell.
 __kernel void superpixels_total(const __global int *restrict sums, const __global int *restrict first,
                                 const __global uchar *restrict active, __global long *restrict totals, int across,
                                 int down) {
-  int k = get_global_id(0), gy = get_global_id(1), columns = 9 * SUMS * across;
-  if (k >= columns || gy >= down || !active[AT(gy, k / (9 * SUMS), across)]) return;
-  long total = 0;
-  for (int n = first[gy]; n < first[gy + 1]; n++) total += sums[AT(n, k, columns)];
-  totals[AT(gy, k, columns)] = total;
+  int gx = get_global_id(0), gy = get_global_id(1);
+  if (gx >= across || gy >= down || !active[AT(gy, gx, across)]) return;
+  __global long *total = totals + 9 * SUMS * AT(gy, gx, across);
+  for (int k = 0; k < 9 * SUMS; k++) total[k] = 0;
+  for (int n = first[gy]; n < first[gy + 1]; n++) {
+    const __global int *from = sums + 9 * SUMS * AT(n, gx, across);
+    for (int k = 0; k < 9 * SUMS; k++) total[k] += from[k];
+  }
 }
 
 // --- the image in squares of `side` pixels ---
@@ -362,8 +362,9 @@ __kernel void superpixels_blur(const __global float *restrict from, __global flo
   int x = get_global_id(0) * FW, y = get_global_id(1) % height, c = get_global_id(1) / height;
   if (x >= width || c >= 4) return;
   size_t at = c * (size_t)plane + AT(y + margin, x + margin, stride);
+  const __global float *seen = from + at - (long)radius * step;
   fv sum = 0.0f;
-  for (int k = -radius; k <= radius; k++) sum += taps[k + radius] * *(const __global fv *)(from + at + (long)k * step);
+  for (int k = 0; k <= 2 * radius; k++, seen += step) sum += taps[k] * *(const __global fv *)seen;
   if (x + FW <= width)
     *(__global fv *)(to + at) = sum;
 #if FW > 1

@@ -74,7 +74,7 @@ def similarity_graph(points: np.ndarray, neighbors: int, resources: Resources) -
     scale = np.sqrt(near.scales.astype(np.float64))
     scale = np.maximum(scale, max(_FINEST * unit, 1e-3 * float(scale.max())))
     r = _global_scale(near, scale, counts)
-    edges, squared, shares = _symmetric(near, counts, resources)
+    edges, squared, shares = _symmetric(near, counts)
     scaled, mass = _weighted(edges, squared, shares, 1.0 / scale, r, resources)
     return AffinityGraph(scaled, mass, node, counts, r)
 
@@ -145,17 +145,17 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
     return min(r, _LARGEST_R)
 
 
-def _symmetric(near: Nearest, counts: np.ndarray, resources: Resources) -> tuple[Sparse, np.ndarray, np.ndarray]:
+def _symmetric(near: Nearest, counts: np.ndarray) -> tuple[Sparse, np.ndarray, np.ndarray]:
     """Edges to the neighbors of each node and to nodes whose neighbor it is, itself first, without weights; squared
     distances; and factors.
 
     A factor is 1 for mutual neighbors, else a half, times the multiplicities.
     """
     n, k = near.indices.shape
-    mutual = _mutual(near.indices, resources)
+    mutual = _mutual(near)
     row, place = np.nonzero(~mutual)
-    others = near.indices[row, place].astype(np.int64)
-    order = np.argsort(others * n + row)  # keys are distinct: any sorting algorithm gives the same order
+    others = near.indices[row, place]
+    order = np.argsort(others.astype(np.uint16 if n <= 1 << 16 else np.int32), kind="stable")
     row, place, others = row[order], place[order], others[order]
     lengths = 1 + k + np.bincount(others, minlength=n)
     starts = np.concatenate([[0], lengths.cumsum()]).astype(np.int32)
@@ -172,12 +172,15 @@ def _symmetric(near: Nearest, counts: np.ndarray, resources: Resources) -> tuple
     return Sparse(starts, columns, shares), squared, shares
 
 
-def _mutual(index: np.ndarray, resources: Resources) -> np.ndarray:
-    """Whether a node is among the neighbors of each of its neighbors, (n, k) bool."""
-    device, (n, k) = resources.device, index.shape
-    with Buffers(device, {"mutual": n * k}, resources.budget, TASK, tables={"index": index}) as buffers:
-        device.program("affinity")("mutual", (k, n), buffers["index"], buffers["mutual"], n, k)
-        return device.read(buffers["mutual"], (n, k), np.uint8).astype(bool)
+def _mutual(near: Nearest) -> np.ndarray:
+    """Whether a node is among the neighbors of each of its neighbors, (n, k) bool.
+
+    It is if it is closer than the farthest of them, or as far and no later than the last of these.
+    """
+    rows, farthest = np.arange(len(near.indices), dtype=np.int32)[:, None], near.squared.max(1)
+    last = np.where(near.squared == farthest[:, None], near.indices, -1).max(1)
+    others = farthest[near.indices]
+    return (near.squared < others) | ((near.squared == others) & (rows <= last[near.indices]))
 
 
 def _weighted(

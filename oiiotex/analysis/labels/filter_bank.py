@@ -15,6 +15,7 @@ import numpy as np
 from ...engine.core.elementary import exponential, gaussian_taps
 from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
+from .products import wide_of
 
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
@@ -23,6 +24,7 @@ FARTHEST = 40  # px that responses depend on
 PLANES = 24  # values per pixel: 21 responses, three colors
 STEPS = 64  # per standard deviation
 _TURNS = 6
+_LEAST_GAIN = 1e-25  # less is lost in single precision, and denormal numbers take three times as long
 _FAR = 2047  # steps
 _SAMPLES = 8000  # pixels from which textons are learned
 _ROUNDS = 20  # of k-means
@@ -34,20 +36,30 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
     Each is a Gaussian in frequency (in space of standard deviation 0.45 wavelengths) on one half plane, so its inverse
     transform is complex, and the modulus is the local energy for any phase.
     """
+    spectrum = _spectrum(plane)
+    return [response for wave in waves for response in _octave(spectrum, plane.shape, wave, turns)]
+
+
+def _spectrum(plane: np.ndarray) -> np.ndarray:
+    """Spectrum of a plane with mirrored borders, complex64."""
     padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
-    shape = [_smooth(s) for s in padded.shape]
-    spectrum = np.fft.fft2(padded.astype(np.float32), shape)
-    v, u = (np.fft.fftfreq(s) for s in shape)
+    return np.fft.fft2(padded.astype(np.float32), [_smooth(s) for s in padded.shape])
+
+
+def _octave(spectrum: np.ndarray, shape: tuple[int, ...], wave: float, turns: int) -> list[np.ndarray]:
+    """|response| of Gabor filters of one wavelength, from the `_spectrum` of a plane of this shape."""
+    v, u = (np.fft.fftfreq(s) for s in spectrum.shape)
+    height, width = shape
+    spread = 2.0 * (math.pi * 0.45 * wave) ** 2
     responses = []
-    for wave in waves:
-        spread = 2.0 * (math.pi * 0.45 * wave) ** 2
-        for turn in range(turns):
-            angle = math.pi * turn / turns
-            over_x = exponential(-spread * (u - math.cos(angle) / wave) ** 2)
-            over_y = exponential(-spread * (v - math.sin(angle) / wave) ** 2)
-            gains = over_y.astype(np.float32)[:, None] * over_x.astype(np.float32)
-            both = np.fft.ifft2(spectrum * gains)[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]]
-            responses.append(np.sqrt(both.real**2 + both.imag**2))
+    for turn in range(turns):
+        angle = math.pi * turn / turns
+        over_x = exponential(-spread * (u - math.cos(angle) / wave) ** 2)
+        over_y = exponential(-spread * (v - math.sin(angle) / wave) ** 2)
+        gains = over_y.astype(np.float32)[:, None] * over_x.astype(np.float32)
+        gains[gains < _LEAST_GAIN] = 0
+        both = np.fft.ifft2(spectrum * gains)[_PAD : _PAD + height, _PAD : _PAD + width]
+        responses.append(np.sqrt(both.real**2 + both.imag**2))
     return responses
 
 
@@ -110,7 +122,8 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Textu
     def keep(plane: int, look: np.ndarray) -> None:
         responses[plane] = _whole(_standard(look.ravel(), known))
 
-    octaves = resources.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
+    spectrum = _spectrum(layers[0])
+    octaves = resources.spread(lambda wave: np.stack(_octave(spectrum, seen.shape, wave, _TURNS)), WAVES)
     for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
         for turn in range(_TURNS):  # one at a time, since there are several copies of each
             keep(_TURNS * n + turn, blurred_layers(energies[turn : turn + 1], 0.35 * wave, 2.5, resources))
@@ -133,19 +146,24 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
         Radius of the Gaussian, in sigmas.
     """
     device, (count, height, width) = resources.device, layers.shape
-    taps = gaussian_taps(sigma, reach)
-    radius = len(taps) // 2
-    looks = np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric")
+    taps, wide = gaussian_taps(sigma, reach), wide_of(resources)
+    radius, rest = len(taps) // 2, -width % wide
+    columns = np.pad(np.pad(np.arange(width), radius, "symmetric"), (0, rest), "edge")
+    looks = np.empty((count, height, len(columns)), np.float32)
+    looks[..., radius : radius + width] = layers
+    for ends in (slice(radius), slice(radius + width, None)):
+        looks[..., ends] = layers[..., columns[ends]]
     mirrored = np.pad(np.arange(height, dtype=np.int32), radius, "symmetric")
-    weights = device.upload(taps[radius:].astype(np.float32))
+    weights, stride = device.upload(taps[radius:].astype(np.float32)), width + rest
     run = device.program("filter_bank", PLANES=PLANES)
-    layout = {"across": layers.nbytes, "down": layers.nbytes}
+    layout = dict.fromkeys(("across", "down"), 4 * count * height * stride)
     with Buffers(device, layout, resources.budget, "the filter bank", tables={"looks": looks}) as buffers:
-        numbers = radius, width, count * height
-        run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
-        rows, sizes = device.upload(mirrored), (radius, width, height, count)
-        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
-        return device.read(buffers["down"], layers.shape, np.float32)
+        numbers = radius, stride, count * height
+        run("across", (stride // wide, count * height), buffers["looks"], buffers["across"], weights, *numbers)
+        rows, sizes = device.upload(mirrored), (radius, stride, height, count)
+        run("down", (stride // wide, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
+        blurred = device.read(buffers["down"], (count, height, stride), np.float32)
+    return np.ascontiguousarray(blurred[..., :width])
 
 
 def texton_map(
@@ -175,11 +193,14 @@ def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resource
 
     `planes` (24, n) int16; `centers` (k, 24) int32.
     """
-    device, pixels = resources.device, planes.shape[1]
+    device, pixels, wide = resources.device, planes.shape[1], wide_of(resources)
     tables = device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))
+    if pixels < wide:
+        planes = np.pad(planes, ((0, 0), (0, wide - pixels)))
+    size = planes.shape[1]
     run = device.program("filter_bank", PLANES=PLANES)
-    with Buffers(device, {"nearest": pixels}, resources.budget, "textons", tables={"planes": planes}) as buffers:
-        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centers))
+    with Buffers(device, {"nearest": size}, resources.budget, "textons", tables={"planes": planes}) as buffers:
+        run("nearest", (-(-size // wide),), buffers["planes"], *tables, buffers["nearest"], size, len(centers))
         return device.read(buffers["nearest"], (pixels,), np.uint8)
 
 
@@ -208,10 +229,13 @@ def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
         return distinct.astype(np.int32)
     points = sample.astype(np.float64)
     centers = _spread_out(points, most, trials)
+    columns, ones = np.ascontiguousarray(points.T), np.ones((len(points), 1))
+    points, away = np.concatenate([points, ones], 1), np.empty((len(points), most))
     for _ in range(_ROUNDS):
-        nearest = ((centers**2).sum(1) - 2.0 * (points @ centers.T)).argmin(1)
+        # |v - c|^2 - |v|^2 in one product
+        nearest = np.matmul(points, np.concatenate([-2.0 * centers.T, [(centers**2).sum(1)]]), out=away).argmin(1)
         counts = np.bincount(nearest, minlength=most)
-        sums = np.stack([np.bincount(nearest, column, most) for column in points.T], axis=1)
+        sums = np.stack([np.bincount(nearest, column, most) for column in columns], axis=1)
         near = counts > 0
         centers[near] = np.rint(sums[near] / counts[near, None])
     return centers.astype(np.int32)

@@ -11,6 +11,7 @@ from ...engine.session.resources import Resources
 from .products import TASK
 
 _COUPLING, _UPDATES = 4.0, 6  # of a superpixel to its neighbors, nats; number of updates
+_BLOCK = 16  # places per item on CPUs (cl/potts.cl)
 UNLIKELY = 1e-3  # least likelihood of a label
 
 
@@ -28,15 +29,20 @@ def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.n
         "alone": logarithm(likely + UNLIKELY).astype(np.float32), "seen": np.ones(places, np.uint8),
     }  # fmt: skip
     layout = {"member": 4 * likely.size, "around": 4 * likely.size}
-    run = resources.device.program("potts")
+    run, items = resources.device.program("potts"), _blocks(places, resources)
     with Buffers(resources.device, layout, resources.budget, TASK, tables=tables) as buffers:
         resources.device.write(buffers["member"], likely.astype(np.float32))
         among = [buffers[name] for name in ("starts", "neighbors", "member", "around")]
         become = [buffers[name] for name in ("alone", "around", "seen", "member")]
         for _ in range(_UPDATES):
             run("around", (places, labels), *among, places, labels)
-            run("members", (places,), *become, places, labels, _COUPLING)
+            run("members", items, *become, places, labels, _COUPLING)
         return resources.device.read(buffers["member"], likely.shape, np.float32).argmax(0)
+
+
+def _blocks(places: int, resources: Resources) -> tuple[int]:
+    """Work items of the kernel "members"."""
+    return (-(-places // (_BLOCK if resources.device.lanes > 1 else 1)),)
 
 
 def members(
@@ -58,7 +64,8 @@ def members(
     tables = {"alone": alone, "around": around, "seen": seen.astype(np.uint8)}
     with Buffers(resources.device, {"member": alone.nbytes}, resources.budget, TASK, tables=tables) as buffers:
         arguments = [buffers[name] for name in (*tables, "member")]
-        resources.device.program("potts")("members", (alone.shape[1],), *arguments, *alone.shape[::-1], coupling)
+        items, places = _blocks(alone.shape[1], resources), alone.shape[::-1]
+        resources.device.program("potts")("members", items, *arguments, *places, coupling)
         return resources.device.read(buffers["member"], alone.shape, np.float32)
 
 

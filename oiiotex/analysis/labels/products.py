@@ -12,6 +12,7 @@ from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
 
 LANES = 8  # to which rows are padded: columns that a kernel adds at once
+SPREAD = 48  # columns to which a CPU's work item applies an entry of a sparse matrix (cl/factorization.cl)
 TASK = "labels"  # task name in memory errors
 
 
@@ -73,7 +74,10 @@ def wide_of(resources: Resources) -> int:
 
 
 class Spread:
-    """Products of one sparse matrix, which is kept on the device."""
+    """Products of one sparse matrix, which is kept on the device, with matrices of `width` columns.
+
+    `width` is a multiple of `SPREAD`.
+    """
 
     def __init__(self, matrix: Sparse, width: int, resources: Resources):
         self._resources, self._shape = resources, (matrix.rows, width)
@@ -98,9 +102,9 @@ class Spread:
         """Replace x and the previous x by alpha S x + beta x + gamma previous, and x."""
         rows, width = self._shape
         names = ("starts", "columns", "weights", "x", "before", "out")
-        items = width // wide_of(self._resources), rows
+        blocks = width // (SPREAD if self._resources.device.lanes > 1 else 1)
         run = self._resources.device.program("factorization")
-        run("spread", items, *(self._buffers[name] for name in names), rows, width, alpha, beta, gamma)
+        run("spread", (rows * blocks,), *(self._buffers[name] for name in names), rows, width, alpha, beta, gamma)
         self._buffers.swap("before", "out")
         self._buffers.swap("x", "before")
 

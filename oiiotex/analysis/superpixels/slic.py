@@ -261,10 +261,11 @@ class Slic:
         run = device.program("slic_seeds")
         edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
         seeds, cells = (buffers["centers"], buffers["moved"]), (buffers["candidates"], buffers["active"])
+        sums = buffers["totals"], buffers["active"]
         weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
 
         def move(start: int) -> None:
-            run("move", shape, buffers["totals"], *edges, *seeds, *shape, *grid.periods, weight, still, start)
+            run("move", shape, *sums, *edges, *seeds, *shape, *grid.periods, weight, still, start)
 
         def follow(start: int) -> None:
             run("follow", shape, *seeds, *edges, *cells, *shape, *grid.periods, _ABSENT, *units, start)
@@ -345,7 +346,7 @@ class Slic:
         for band in self._lab.bands(wanted):
             self._assign(band, keep=0)
         tables = self._tables[3], buffers["active"], buffers["totals"]
-        self._run("total", (9 * _SUMS * grid.across, grid.down), buffers["sums"], *tables, grid.across, grid.down)
+        self._run("total", (grid.across, grid.down), buffers["sums"], *tables, grid.across, grid.down)
 
     def _sums(self, chosen: np.ndarray, active: np.ndarray) -> np.ndarray:
         """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner. int64."""

@@ -332,8 +332,9 @@ def label_part(part: Part, runs: Runs) -> Part:
 
     def fetch(window: Window) -> np.ndarray:
         rows, columns = window.inside(whole)
-        ids = runs.pixels(rows.start, rows.stop, columns.start, columns.stop) + 1
-        return ids.astype(np.uint32)[..., None]
+        ids = np.ascontiguousarray(runs.pixels(rows.start, rows.stop, columns.start, columns.stop))
+        ids += 1
+        return ids.view(np.uint32)[..., None]
 
     return Part("superpixels", spec, fetch, spec.format, ready=True, exact=True)
 
