@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.drift.flattening import correction_part
 from ...analysis.regularity.courses import Courses, InCourses
 from ...analysis.regularity.lattice import Lattice
 from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import SomeRows, first_channels, materialized
-from ...engine.core.image import Image, Part, from_pixels
+from ...engine.core.demand import SomeRows, first_channels
+from ...engine.core.image import Image, Part
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import present, whole_budget
@@ -36,7 +35,6 @@ from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .evened_photo import evened_part, evened_values, evening_of
-from .exemplar_masks import both, mask_of
 from .first_result import (
     PLAINER,
     SET_OF_TILES,
@@ -49,7 +47,7 @@ from .first_result import (
     say_fidelity,
     textured,
 )
-from .flattened import flat_photo
+from .flattened import flattened_photo, in_any_order
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
@@ -90,11 +88,11 @@ def _synthesized(
         *(area * cost * here for cost, here in zip(_TILE, on_tile, strict=True)),
     )
     with resources.stats.time("flatten"):
-        flat, drift = _flattened(plan, resources, flattening)
+        flat, drift = flattened_photo(plan, resources, flattening)
     flattening.advance(1, 1)
     with resources.stats.time("read and color"):
         own = [] if flat is op else [flat.exemplar.first]  # in any order already
-        maps = own + [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
+        maps = own + [in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
         weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
     pixels = flat.read(resources, None if weight is None else weight > 0)
     reading.advance(1, 1)
@@ -127,26 +125,6 @@ def _synthesized(
     first, *others = run.variants() if op.variants > 1 else run.one()
     measuring.advance(1, 1)
     return (first, *others) if others else first
-
-
-def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
-    """The op on the flattened photo without what is not copied, and the correction."""
-    op, part, strength = plan.op, plan.op.exemplar.first, plan.flattening
-    if not strength:
-        return op, {} if strength is None else {"drift": correction_part(None, part)}
-    allowed = op._allowed()
-    kept = functools.partial(_in_any_order, in_memory=plan.in_memory)
-    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed, kept)
-    mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
-    changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
-    return replace(op, **changed), {"drift": drift}
-
-
-def _in_any_order(part: Part, in_memory: bool) -> Part:
-    """The decoded pixels, in memory if the photo is held there."""
-    if in_memory:
-        return from_pixels(part.name, part.pixels(), part.spec, part.stored)
-    return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
 
 
 def _perceived(
@@ -247,7 +225,7 @@ class SynthesisRun:
         say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
         if evening is not None:
-            run._maps[0] = _in_any_order(run._maps[0], self._in_memory)
+            run._maps[0] = in_any_order(run._maps[0], self._in_memory)
         first, *others = run._with_heights(run._tiles(source), source)
         if kept is not None:
             facts = {"oiiotex:chosen": result.spelled, "oiiotex:fidelity": f"{kept.value:.3f}"}
