@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.regularity.courses import Courses, InCourses
+from ...analysis.regularity.courses import Courses, InCourses, courses_turn
 from ...analysis.regularity.lattice import Lattice
 from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
@@ -19,7 +19,7 @@ from ...engine.core.demand import SomeRows, first_channels
 from ...engine.core.image import Image, Part
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from ...engine.errors import present, whole_budget
+from ...engine.errors import ImageError, present, whole_budget
 from ..layout.kept_layout import kept_layout
 from ..layout.limits import fits_layout
 from ..layout.mending import mended
@@ -28,7 +28,7 @@ from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.fidelity import Fidelity, JudgedPhoto
-from ..quality.judged_tries import Try, best_tried
+from ..quality.judged_tries import Dismissed, Try, best_tried
 from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
@@ -218,7 +218,7 @@ class SynthesisRun:
         photo = self._judged_photo()
         result = best_tried(op.flag(), self._tries(photo), functools.partial(self._judged, photo), self._progress)
         self._judging.advance(1, 1)
-        (synthesis, recipe, evening), kept = result.made, result.kept
+        (synthesis, recipe, evening, _), kept = result.made, result.kept
         source, lost = synthesis.source, synthesis.lost
         run = self._evened(evening)
         quality = _measures_of(self._quality, self._lattice, recipe)
@@ -273,6 +273,11 @@ class SynthesisRun:
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
         others = [self._at_scale(coarse, *scale) for scale in (*EVENER, LARGER)]
         if recipe.measure == "histogram" and fits_layout(self._op.exemplar.first.spec, self._resources):
+            if (made := self._layout_of_courses(photo)) is not None:
+                layout = replace(layout, make=lambda _: made)
+                kept = self._judged(photo, made) if made.is_bent else None
+                if kept is not None and not kept.exceeds(IMPROVED_BY_SIZE):  # no other tile follows such courses
+                    return [layout]
             others.insert(len(EVENER), layout)
         return [first, *others]
 
@@ -288,6 +293,17 @@ class SynthesisRun:
             return FirstTile(textured(self._run(recipe, self._constraints, look=look)), recipe)
 
         return Try(recipe.scales, make, improves=improves, evens=evens)
+
+    def _layout_of_courses(self, photo: JudgedPhoto) -> FirstTile | None:
+        """The kept layout of a photo whose courses turn; None: they do not, or it failed."""
+        if self._recipe.in_step is not None or not courses_turn(photo.lab, photo.usable):
+            return None
+        try:
+            made = self._in_own_layout(0.0)
+        except (Dismissed, ImageError):
+            return None
+        self._progress.lengthen(1.0)
+        return made
 
     def _in_own_layout(self, _: float) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""
@@ -313,7 +329,7 @@ class SynthesisRun:
         source = mended(layout.source, seen.usable, self._wraps, recipe.patch, filled)
         self._progress.advance(1, 1)
         made = Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe))
-        return FirstTile(made if plan.layout else textured(made, PLAINER), recipe, evening)
+        return FirstTile(made if plan.layout else textured(made, PLAINER), recipe, evening, layout.is_bent)
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
