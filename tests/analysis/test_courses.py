@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.analysis.regularity.courses import Courses, InCourses, find_courses
+from oiiotex.analysis.regularity.courses import Courses, InCourses, courses_turn, find_courses
 from oiiotex.analysis.regularity.offset_prices import BITS
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
@@ -19,7 +19,7 @@ from tests import pictures
 from tests.analysis.test_regularity import recipe_of, values_of
 from tests.any_filter import buffer
 from tests.lattices import regular
-from tests.masonry import ashlar
+from tests.masonry import ashlar, converging
 
 
 @pytest.mark.parametrize("dark", [True, False])
@@ -59,6 +59,16 @@ def test_joints_of_one_half_and_single_ledges_are_no_courses():
         ledges = pictures.noise(256, 256, 2)[..., None] * [0.5, 0.5, 0.5]
         ledges[np.array(rows)[:, None] + [0, 1]] = 0.9
         assert (find_courses(values_of(ledges)) is not None) == found
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_courses_in_perspective_turn_and_straight_ones_do_not(seed):
+    picture, _ = ashlar(256, 256, seed, heights=(18, 40))
+    turned = values_of(converging(picture, 0.12))
+    assert courses_turn(turned) and find_courses(turned) is None
+    assert courses_turn(np.ascontiguousarray(turned.swapaxes(0, 1)))
+    assert not courses_turn(values_of(picture))
+    assert not courses_turn(values_of(pictures.stained(pictures.moss(192, 256, seed))))
 
 
 def test_courses_of_a_tile_close_in_their_order():
