@@ -26,8 +26,10 @@ ALIKE = 0.835  # minimum correlation of the profiles of both halves; photos with
 UNEVEN = 4.0  # maximum ratio of two courses: beyond it, joints are single ledges
 THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
 STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
+SMALLEST = 6  # px, of a strip
 STRIPS = 8  # into which a photo is divided to follow joints that are not straight
-FOLLOWED = 0.5  # median correlation of the profiles of neighboring strips; of most photos without joints, up to .45
+FOLLOWED = 0.65  # median likeness of the profiles of neighboring strips; of most photos without joints, up to .6
+PARTS = 3  # of a profile that are followed apart, as joints that converge move by different amounts
 ALONG = 0.5  # of the first and the last strip's in place: above it, joints are straight
 TURN = 1 / 32  # of the photo: most by which a joint moves between neighboring strips
 NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
@@ -120,16 +122,22 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
     return Courses(rows, np.rint(64 * joints * (extent / light.shape[axis])) / 64, extent)
 
 
-def courses_turn(values: SomeRows, usable: np.ndarray | None = None) -> bool:
-    """Whether the photo has joints through all of it that are oblique or converge, as in perspective.
+def courses_turn(texture: np.ndarray, counted: np.ndarray) -> bool:
+    """Whether a photo has joints through all of it that are oblique or converge, as in perspective.
 
     The profile of each strip continues in the next one, moved by a little, but the first and the last differ. A lattice
-    or straight courses cannot follow such joints. For the parameters, see `find_courses`.
+    or straight courses cannot follow such joints.
+
+    Parameters
+    ----------
+    texture : (height, width, channels) float
+        The photo high-passed, lightness first.
+    counted : (height, width) bool
+        Pixels that count.
     """
-    seen = high_pass_of(values, usable)
-    if seen is None:
+    if min(counted.shape) < SMALLEST * STRIPS:
         return False
-    light, counted = seen[0][..., 0], seen[1]
+    light = texture[..., 0]
     return any(_turn(*both) for both in ((light, counted), (light.T, counted.T)))
 
 
@@ -140,11 +148,24 @@ def _turn(light: np.ndarray, usable: np.ndarray) -> bool:
     most = max(1, int(TURN * len(light)))
     if _likeness(profiles[0], profiles[-1]) >= ALONG:
         return False
-    followed = [
-        max(_likeness(one[max(0, d) :], other[max(0, -d) :]) for d in range(-most, most + 1))
-        for one, other in itertools.pairwise(profiles)
-    ]
+    followed = [_followed(one, other, most) for one, other in itertools.pairwise(profiles)]
     return sorted(followed)[len(followed) // 2] >= FOLLOWED
+
+
+def _followed(one: np.ndarray, other: np.ndarray, most: int) -> float:
+    """The mean likeness of the parts of two profiles, each moved by the best of up to `most` px."""
+    size = len(one)
+    ends = [part * size // PARTS for part in range(PARTS + 1)]
+    return (
+        sum(
+            max(
+                _likeness(one[max(first, -d) : min(last, size - d)], other[max(first + d, 0) : min(last + d, size)])
+                for d in range(-most, most + 1)
+            )
+            for first, last in itertools.pairwise(ends)
+        )
+        / PARTS
+    )
 
 
 def _likeness(one: np.ndarray, other: np.ndarray) -> float:

@@ -296,7 +296,7 @@ class SynthesisRun:
 
     def _layout_of_courses(self, photo: JudgedPhoto) -> FirstTile | None:
         """The kept layout of a photo whose courses turn; None: they do not, or it failed."""
-        if self._recipe.in_step is not None or not courses_turn(photo.lab, photo.usable):
+        if self._recipe.in_step is not None or not courses_turn(*photo.texture):
             return None
         try:
             made = self._in_own_layout(0.0)
