@@ -85,6 +85,14 @@ def test_courses_in_perspective_meet_at_the_seam(seed, share, monkeypatch):
     assert bent > 1.2 * straight()
 
 
+def test_bent_columns_meet_after_a_jump_and_step_in_different_rows():
+    strip = PhotoStrip(SourceMap.of(*np.indices((150, 80))), True, np.zeros((150, 80, 3), np.float32))
+    distances = np.rint(5 + 4 * np.sin(np.arange(80) * np.pi / 40)).astype(int)
+    x = strip.bent(distances, 100).source.yx[1]
+    np.testing.assert_array_equal((x[100:] - x[:50]) % 80, np.broadcast_to(distances, (50, 80)))
+    assert (np.diff(x, axis=0) != 0).mean(1).max() < 0.25
+
+
 @pytest.mark.parametrize("name", ["moss", "pebbles", "bricks"])
 def test_a_photo_without_courses_in_perspective_is_not_bent(name):
     assert not kept_layout(values_of(getattr(pictures, name)(192, 256, 1)), None, BEST, TORUS).is_bent

@@ -10,6 +10,8 @@ from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
+_TURNS = 4  # of the rounding, across the width of a strip that is bent
+
 
 @dataclass(frozen=True)
 class PhotoStrip:
@@ -77,10 +79,12 @@ class PhotoStrip:
     def bent(self, distances: np.ndarray, length: int) -> PhotoStrip:
         """The strip with each of its columns moved by its distance, (width,) int px, over `length` rows.
 
-        It is moved by half of it at most, in both directions. For its borders, see `leveled`.
+        It is moved by half of it at most, in both directions. For its borders, see `leveled`. Columns are rounded in
+        turn, so that they do not step in the same row.
         """
         rows = np.arange(self.length)[:, None] - length // 2
-        return self._shifted((2 * rows * distances + length) // (2 * length))
+        turn = np.abs(2 * _TURNS * np.arange(self.width) % (2 * self.width) - self.width)
+        return self._shifted((2 * rows * distances + (2 * length - 1) * turn // self.width) // (2 * length))
 
     def _shifted(self, shift: np.ndarray) -> PhotoStrip:
         """Each pixel from so many columns to the right, (length, width or 1) int."""
