@@ -16,7 +16,7 @@ from .strip import PhotoStrip
 _SIDE = 200  # px, longer side of the level on which distances are found
 _AROUND = 64  # the level's width over the number of columns to each side that have about the same distance
 _CHANGE = 2  # a distance that changes by a pixel costs 1/2 column more
-_MOST = 2  # times the median: more is no worse
+_MOST = 2  # times the median: larger differences count as this
 _FITS = 0.87  # of the costs without bending: bricks in perspective have .79 and .86, 38 other photos .88 and more
 
 

@@ -87,7 +87,7 @@ class PhotoStrip:
         return self._shifted((2 * rows * distances + (2 * length - 1) * turn // self.width) // (2 * length))
 
     def _shifted(self, shift: np.ndarray) -> PhotoStrip:
-        """Each pixel from so many columns to the right, (length, width or 1) int."""
+        """The strip with each pixel taken from `shift` columns to the right, (length, width or 1) int."""
         columns = shift + np.arange(self.width)
         if not self.closed:
             inside = np.flatnonzero((columns.min(0) >= 0) & (columns.max(0) < self.width))
