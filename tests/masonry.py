@@ -32,3 +32,12 @@ def ashlar(
     stone = 0.45 + 0.2 * hash_at(seed, 24, row, block) / 2.0**32 + 0.15 * (noise(height, width, seed, 25) - 0.5)
     gray = stone * (1 - in_joint) + (0.15 if dark else 0.9) * in_joint
     return stained(np.clip(gray[..., None] * [1.0, 0.92, 0.8], 0, 1)), joints
+
+
+def converging(picture: np.ndarray, share: float) -> np.ndarray:
+    """A picture whose rows are farther apart on its left, and nearer on its right, by half of this share."""
+    height, width = picture.shape[:2]
+    y, x = np.mgrid[:height, :width]
+    at = np.clip(height / 2 + (y - height / 2) * (1 - share / 2 + share * x / width), 0, height - 1.001)
+    row, part = at.astype(int), (at % 1)[..., None]
+    return picture[row, x] * (1 - part) + picture[row + 1, x] * part

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.analysis.regularity.courses import Courses, InCourses, find_courses
+from oiiotex.analysis.regularity.courses import Courses, InCourses, courses_turn, find_courses
+from oiiotex.analysis.regularity.lattice import high_pass_of
 from oiiotex.analysis.regularity.offset_prices import BITS
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
@@ -19,7 +20,7 @@ from tests import pictures
 from tests.analysis.test_regularity import recipe_of, values_of
 from tests.any_filter import buffer
 from tests.lattices import regular
-from tests.masonry import ashlar
+from tests.masonry import ashlar, converging
 
 
 @pytest.mark.parametrize("dark", [True, False])
@@ -59,6 +60,25 @@ def test_joints_of_one_half_and_single_ledges_are_no_courses():
         ledges = pictures.noise(256, 256, 2)[..., None] * [0.5, 0.5, 0.5]
         ledges[np.array(rows)[:, None] + [0, 1]] = 0.9
         assert (find_courses(values_of(ledges)) is not None) == found
+
+
+@pytest.mark.parametrize("share", [0.12, 0.25, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_courses_in_perspective_turn(seed, share):
+    picture, _ = ashlar(256, 256, seed, heights=(18, 40))
+    lab = values_of(converging(picture, share))
+    texture, counted = high_pass_of(lab, None)
+    assert courses_turn(texture, counted) and courses_turn(texture.swapaxes(0, 1), counted.T)
+    assert find_courses(lab) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", ["ashlar", "moss", "pebbles", "bricks"])
+def test_straight_courses_and_other_photos_do_not_turn(name, seed):
+    straight = ashlar(192, 256, seed, heights=(18, 40))[0] if name == "ashlar" else None
+    picture = getattr(pictures, name)(192, 256, seed) if straight is None else straight
+    assert not courses_turn(*high_pass_of(values_of(picture), None))
+    assert not courses_turn(np.ones((40, 300, 3)), np.ones((40, 300), bool))  # too small for strips
 
 
 def test_courses_of_a_tile_close_in_their_order():

@@ -12,6 +12,7 @@ from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.demand import MadeRows
 from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.synthesis.layout import bending
 from oiiotex.synthesis.layout.kept_layout import kept_layout
 from oiiotex.synthesis.layout.mending import mended
 from oiiotex.synthesis.layout.periods import levels_of, rise_of
@@ -21,7 +22,9 @@ from oiiotex.synthesis.patchmatch.constraints import FixedPixels
 from oiiotex.synthesis.quality import judged_tries
 from oiiotex.synthesis.quality.judged_tries import Try
 from tests import pictures
+from tests.analysis.test_regularity import values_of
 from tests.any_filter import buffer, pixels
+from tests.masonry import ashlar, converging
 
 BEST, TORUS = (None, None), (True, True)
 
@@ -61,6 +64,61 @@ def test_a_tilted_lattice_becomes_level(rise):
     level = lattice(70, 90, (90, 70))
     origin = int((y[0, 0] - (2 * x[0, 0] * rise + 90) // 180) % 70), int(x[0, 0] % 90)
     np.testing.assert_array_equal(tile.gather(lab), np.roll(level, (-origin[0], -origin[1]), (0, 1)))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_courses_in_perspective_meet_at_the_seam(seed, share, monkeypatch):
+    """A tile of converging courses is as straight across its border as the photo was before perspective."""
+    picture, _ = ashlar(256, 256, seed, heights=(18, 40))
+    lab = values_of(converging(picture, share))
+
+    def straight() -> float:
+        """Share of the variance along the columns that the means of rows have."""
+        tile = kept_layout(lab, None, BEST, TORUS)
+        light = tile.source.gather(lab)[..., 0]
+        return float(light.mean(1).var() / light.var(0).mean())
+
+    bent = straight()
+    assert kept_layout(lab, None, BEST, TORUS).is_bent
+    monkeypatch.setattr(bending, "bend_of", lambda *_: None)
+    assert bent > 1.2 * straight()
+
+
+def test_bent_columns_meet_after_a_jump_and_step_in_different_rows():
+    strip = PhotoStrip(SourceMap.of(*np.indices((150, 80))), True, np.zeros((150, 80, 3), np.float32))
+    distances = np.rint(5 + 4 * np.sin(np.arange(80) * np.pi / 40)).astype(int)
+    x = strip.bent(distances, 100).source.yx[1]
+    np.testing.assert_array_equal((x[100:] - x[:50]) % 80, np.broadcast_to(distances, (50, 80)))
+    assert (np.diff(x, axis=0) != 0).mean(1).max() < 0.25
+
+
+@pytest.mark.parametrize("name", ["moss", "pebbles", "bricks"])
+def test_a_photo_without_courses_in_perspective_is_not_bent(name):
+    assert not kept_layout(values_of(getattr(pictures, name)(192, 256, 1)), None, BEST, TORUS).is_bent
+
+
+def test_the_cheapest_path_of_a_ring_ends_where_it_begins():
+    """Against all paths of a small table."""
+    costs = np.random.default_rng(2).integers(0, 100, (6, 3))
+    for end in (None, 0, 1, 2):
+        paths = np.stack(np.meshgrid(*[np.arange(3)] * 6), -1).reshape(-1, 6)
+        paths = paths[(np.abs(np.diff(paths)) <= 1).all(1)]
+        if end is not None:
+            paths = paths[(paths[:, 0] == end) & (paths[:, -1] == end)]
+
+        def cost(paths: np.ndarray) -> np.ndarray:
+            return costs[np.arange(6), paths].sum(-1) + 7 * np.abs(np.diff(paths)).sum(-1)
+
+        assert cost(bending._cheapest(costs, 7, end)) == cost(paths).min()
+
+
+def test_the_default_keeps_the_layout_of_courses_in_perspective():
+    picture, _ = ashlar(256, 256, 3, heights=(18, 40))
+    photo = buffer(converging(picture, 0.12), space="lin_rec709_scene")
+    made, named = filters.stationarize(photo), filters.stationarize(photo, preset="layout")
+    assert made.spec().get_string_attribute("oiiotex:chosen") == "preset=layout"
+    np.testing.assert_array_equal(pixels(made), pixels(named))
 
 
 def test_a_cut_costs_at_most_every_straight_seam():

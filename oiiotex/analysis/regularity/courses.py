@@ -10,6 +10,7 @@ of the target's row: as on a lattice (offset_prices), but phases are from a tabl
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -25,6 +26,12 @@ ALIKE = 0.835  # minimum correlation of the profiles of both halves; photos with
 UNEVEN = 4.0  # maximum ratio of two courses: beyond it, joints are single ledges
 THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
 STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
+SMALLEST = 6  # px, of a strip
+STRIPS = 8  # into which a photo is divided to follow joints that are not straight
+FOLLOWED = 0.65  # median likeness of the profiles of neighboring strips; of most photos without joints, up to .6
+PARTS = 3  # of a profile that are followed apart, as joints that converge move by different amounts
+ALONG = 0.5  # of the first and the last strip's in place: above it, joints are straight
+TURN = 1 / 32  # of the photo: most by which a joint moves between neighboring strips
 NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
 
 
@@ -115,6 +122,59 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
     return Courses(rows, np.rint(64 * joints * (extent / light.shape[axis])) / 64, extent)
 
 
+def courses_turn(texture: np.ndarray, counted: np.ndarray) -> bool:
+    """Whether a photo has joints through all of it that are oblique or converge, as in perspective.
+
+    The profile of each strip continues in the next one, moved by a little, but the first and the last differ. A lattice
+    or straight courses cannot follow such joints.
+
+    Parameters
+    ----------
+    texture : (height, width, channels) float
+        The photo high-passed, lightness first.
+    counted : (height, width) bool
+        Pixels that count.
+    """
+    if min(counted.shape) < SMALLEST * STRIPS:
+        return False
+    light = texture[..., 0]
+    return any(_turn(*both) for both in ((light, counted), (light.T, counted.T)))
+
+
+def _turn(light: np.ndarray, usable: np.ndarray) -> bool:
+    profiles = [
+        _profile(light[:, strip], usable[:, strip]) for strip in np.array_split(np.arange(light.shape[1]), STRIPS)
+    ]
+    most = max(1, int(TURN * len(light)))
+    if _likeness(profiles[0], profiles[-1]) >= ALONG:
+        return False
+    followed = [_followed(one, other, most) for one, other in itertools.pairwise(profiles)]
+    return sorted(followed)[len(followed) // 2] >= FOLLOWED
+
+
+def _followed(one: np.ndarray, other: np.ndarray, most: int) -> float:
+    """The mean likeness of the parts of two profiles, each moved by the best of up to `most` px."""
+    size = len(one)
+    ends = [part * size // PARTS for part in range(PARTS + 1)]
+    return (
+        sum(
+            max(
+                _likeness(one[max(first, -d) : min(last, size - d)], other[max(first + d, 0) : min(last + d, size)])
+                for d in range(-most, most + 1)
+            )
+            for first, last in itertools.pairwise(ends)
+        )
+        / PARTS
+    )
+
+
+def _likeness(one: np.ndarray, other: np.ndarray) -> float:
+    """The correlation of two lines as far as both reach."""
+    size = min(len(one), len(other))
+    one, other = one[:size], other[:size]
+    return float((one * other).sum() / max(1e-12, np.sqrt((one * one).sum() * (other * other).sum())))
+
+
 def _are_courses(likeness: float, joints: np.ndarray) -> bool:
     heights = np.diff(joints)
     return len(joints) >= LEAST and likeness >= ALIKE and bool(heights.max() <= UNEVEN * heights.min())
@@ -137,7 +197,7 @@ def _joints(light: np.ndarray, usable: np.ndarray) -> tuple[float, np.ndarray]:
     """The correlation of the profiles of both halves, and peaks of the whole profile."""
     half = light.shape[1] // 2
     one, other = _profile(light[:, :half], usable[:, :half]), _profile(light[:, half:], usable[:, half:])
-    likeness = float((one * other).sum() / max(1e-12, np.sqrt((one * one).sum() * (other * other).sum())))
+    likeness = _likeness(one, other)
     profile = _profile(light, usable)
     if (profile**3).sum() < 0:  # joints are dark
         profile = -profile

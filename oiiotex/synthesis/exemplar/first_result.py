@@ -38,11 +38,12 @@ _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
 class FirstTile(NamedTuple):
-    """A tile, the recipe of its size and scales, and the correction of the photo that evens its seams."""
+    """A tile, the recipe of its size and scales, the correction that evens its seams, and whether it was bent."""
 
     synthesis: Synthesis
     recipe: Recipe
     evening: Correction | None = None
+    is_bent: bool = False
 
 
 def fidelity_of(

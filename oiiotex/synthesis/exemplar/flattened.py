@@ -3,21 +3,28 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from ...analysis.drift.flattening import Flattening
+from ...analysis.drift.flattening import Flattening, correction_part
 from ...analysis.drift.rare_regions import rare_regions
 from ...engine.color.lab import color_to_convert, lens_of
-from ...engine.core.image import Image, Part
+from ...engine.core.demand import materialized
+from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.op import Op
 from ...engine.core.parameters import param
 from ...engine.deferred import np
-from ...engine.errors import spelled, texture_filter
+from ...engine.errors import present, spelled, texture_filter
 from ...engine.io.disk_cache import hash_of
 from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
+from .exemplar_masks import both, mask_of
+
+if TYPE_CHECKING:
+    from .patch_synthesis import PatchSynthesis, SynthesisPlan
 
 
 def flat_photo(
@@ -51,6 +58,28 @@ def flat_photo(
         keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
         op.inform("%.0f %% of the photo stands out and is not copied; %s", 100 * excluded.mean(), keep)
     return Image((flat, *photo.parts[1:]), photo.source), drift, excluded
+
+
+def flattened_photo(
+    plan: SynthesisPlan, resources: Resources, progress: Progress
+) -> tuple[PatchSynthesis, dict[str, Part]]:
+    """The op on the flattened photo without what is not copied, and the correction."""
+    op, part, strength = plan.op, plan.op.exemplar.first, plan.flattening
+    if not strength:
+        return op, {} if strength is None else {"drift": correction_part(None, part)}
+    allowed = op._allowed()
+    kept = functools.partial(in_any_order, in_memory=plan.in_memory)
+    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed, kept)
+    mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
+    changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
+    return replace(op, **changed), {"drift": drift}
+
+
+def in_any_order(part: Part, in_memory: bool) -> Part:
+    """The decoded pixels, in memory if the photo is held there."""
+    if in_memory:
+        return from_pixels(part.name, part.pixels(), part.spec, part.stored)
+    return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
 
 
 @dataclass(frozen=True, kw_only=True)

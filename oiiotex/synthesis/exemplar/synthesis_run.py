@@ -9,18 +9,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.drift.flattening import correction_part
-from ...analysis.regularity.courses import Courses, InCourses
+from ...analysis.regularity.courses import Courses, InCourses, courses_turn
 from ...analysis.regularity.lattice import Lattice
 from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import SomeRows, first_channels, materialized
-from ...engine.core.image import Image, Part, from_pixels
+from ...engine.core.demand import SomeRows, first_channels
+from ...engine.core.image import Image, Part
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from ...engine.errors import present, whole_budget
+from ...engine.errors import ImageError, present, whole_budget
 from ..layout.kept_layout import kept_layout
 from ..layout.limits import fits_layout
 from ..layout.mending import mended
@@ -29,14 +28,13 @@ from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.fidelity import Fidelity, JudgedPhoto
-from ..quality.judged_tries import Try, best_tried
+from ..quality.judged_tries import Dismissed, Try, best_tried
 from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .evened_photo import evened_part, evened_values, evening_of
-from .exemplar_masks import both, mask_of
 from .first_result import (
     PLAINER,
     SET_OF_TILES,
@@ -49,7 +47,7 @@ from .first_result import (
     say_fidelity,
     textured,
 )
-from .flattened import flat_photo
+from .flattened import flattened_photo, in_any_order
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
@@ -90,11 +88,11 @@ def _synthesized(
         *(area * cost * here for cost, here in zip(_TILE, on_tile, strict=True)),
     )
     with resources.stats.time("flatten"):
-        flat, drift = _flattened(plan, resources, flattening)
+        flat, drift = flattened_photo(plan, resources, flattening)
     flattening.advance(1, 1)
     with resources.stats.time("read and color"):
         own = [] if flat is op else [flat.exemplar.first]  # in any order already
-        maps = own + [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
+        maps = own + [in_any_order(image.first, plan.in_memory) for image in flat.all_maps()[len(own) :]]
         weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
     pixels = flat.read(resources, None if weight is None else weight > 0)
     reading.advance(1, 1)
@@ -127,26 +125,6 @@ def _synthesized(
     first, *others = run.variants() if op.variants > 1 else run.one()
     measuring.advance(1, 1)
     return (first, *others) if others else first
-
-
-def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
-    """The op on the flattened photo without what is not copied, and the correction."""
-    op, part, strength = plan.op, plan.op.exemplar.first, plan.flattening
-    if not strength:
-        return op, {} if strength is None else {"drift": correction_part(None, part)}
-    allowed = op._allowed()
-    kept = functools.partial(_in_any_order, in_memory=plan.in_memory)
-    exemplar, drift, excluded = flat_photo(op, op.exemplar, strength, resources, progress, allowed, kept)
-    mask = op.mask if excluded is None else mask_of(present(both(~excluded, allowed)), part)
-    changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
-    return replace(op, **changed), {"drift": drift}
-
-
-def _in_any_order(part: Part, in_memory: bool) -> Part:
-    """The decoded pixels, in memory if the photo is held there."""
-    if in_memory:
-        return from_pixels(part.name, part.pixels(), part.spec, part.stored)
-    return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
 
 
 def _perceived(
@@ -240,14 +218,14 @@ class SynthesisRun:
         photo = self._judged_photo()
         result = best_tried(op.flag(), self._tries(photo), functools.partial(self._judged, photo), self._progress)
         self._judging.advance(1, 1)
-        (synthesis, recipe, evening), kept = result.made, result.kept
+        (synthesis, recipe, evening, _), kept = result.made, result.kept
         source, lost = synthesis.source, synthesis.lost
         run = self._evened(evening)
         quality = _measures_of(self._quality, self._lattice, recipe)
         say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
         if evening is not None:
-            run._maps[0] = _in_any_order(run._maps[0], self._in_memory)
+            run._maps[0] = in_any_order(run._maps[0], self._in_memory)
         first, *others = run._with_heights(run._tiles(source), source)
         if kept is not None:
             facts = {"oiiotex:chosen": result.spelled, "oiiotex:fidelity": f"{kept.value:.3f}"}
@@ -295,6 +273,11 @@ class SynthesisRun:
         coarse = functools.lru_cache(1)(functools.partial(coarse_photo, photo))
         others = [self._at_scale(coarse, *scale) for scale in (*EVENER, LARGER)]
         if recipe.measure == "histogram" and fits_layout(self._op.exemplar.first.spec, self._resources):
+            if (made := self._layout_of_courses(photo)) is not None:
+                layout = replace(layout, make=lambda _: made)
+                kept = self._judged(photo, made) if made.is_bent else None
+                if kept is not None and not kept.exceeds(IMPROVED_BY_SIZE):  # no other tile follows such courses
+                    return [layout]
             others.insert(len(EVENER), layout)
         return [first, *others]
 
@@ -310,6 +293,17 @@ class SynthesisRun:
             return FirstTile(textured(self._run(recipe, self._constraints, look=look)), recipe)
 
         return Try(recipe.scales, make, improves=improves, evens=evens)
+
+    def _layout_of_courses(self, photo: JudgedPhoto) -> FirstTile | None:
+        """The kept layout of a photo whose courses turn; None: they do not, or it failed."""
+        if self._recipe.in_step is not None or not courses_turn(*photo.texture):
+            return None
+        try:
+            made = self._in_own_layout(0.0)
+        except (Dismissed, ImageError):
+            return None
+        self._progress.lengthen(1.0)
+        return made
 
     def _in_own_layout(self, _: float) -> FirstTile:
         """The tile that keeps the photo's layout, and the recipe with its size."""
@@ -335,7 +329,7 @@ class SynthesisRun:
         source = mended(layout.source, seen.usable, self._wraps, recipe.patch, filled)
         self._progress.advance(1, 1)
         made = Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe))
-        return FirstTile(made if plan.layout else textured(made, PLAINER), recipe, evening)
+        return FirstTile(made if plan.layout else textured(made, PLAINER), recipe, evening, layout.is_bent)
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""

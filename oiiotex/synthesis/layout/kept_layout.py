@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
+from .bending import bent_jumps
 from .periods import Jumps, leveled_jumps
 from .seam import Joint, starts
 from .strip import PhotoStrip
@@ -26,10 +27,13 @@ class KeptLayout:
         (height, width).
     periods : (Jumps or None, Jumps or None)
         Along x and along y; None: the tile does not wrap there.
+    is_bent : bool
+        Its courses were bent so that they meet at a seam.
     """
 
     source: SourceMap
     periods: tuple[Jumps | None, Jumps | None]
+    is_bent: bool = False
 
     @property
     def cost(self) -> float:
@@ -42,7 +46,8 @@ class KeptLayout:
         seams = ", ".join(
             f"{jumps.cost:.2f} along {axis}" for axis, jumps in zip("xy", self.periods, strict=True) if jumps
         )
-        return f"layout kept: {sides[0]}x{sides[1]} px; cost of the seams in variances of the photo: {seams}"
+        bent = "; courses bent so that they meet" * self.is_bent
+        return f"layout kept: {sides[0]}x{sides[1]} px{bent}; cost of the seams in variances of the photo: {seams}"
 
 
 def kept_layout(
@@ -64,22 +69,25 @@ def kept_layout(
     height, width = values.shape[:2]
     strip = PhotoStrip(SourceMap.of(np.arange(height)[:, None], np.arange(width)), False, values, usable)
     periods: list[Jumps | None] = [None, None]
+    bends = [False, False]
     first = 0 if wraps[0] else 1  # leveling costs lines of the other axis, so what is only cropped is second
     is_along_x = False
     for axis in (first, 1 - first):
         if is_along_x != (axis == 0):
             strip, is_along_x = strip.turned(wraps[first] and axis != first), axis == 0
-        strip, periods[axis] = _joined(strip, size[axis], wraps[axis])
-    return KeptLayout((strip.turned(False) if is_along_x else strip).source, (periods[0], periods[1]))
+        strip, periods[axis], bends[axis] = _joined(strip, size[axis], wraps[axis])
+    return KeptLayout((strip.turned(False) if is_along_x else strip).source, (periods[0], periods[1]), any(bends))
 
 
-def _joined(strip: PhotoStrip, length: int | None, wraps: bool) -> tuple[PhotoStrip, Jumps | None]:
-    """The strip as long as requested, and its jumps; None if it is only cropped."""
+def _joined(strip: PhotoStrip, length: int | None, wraps: bool) -> tuple[PhotoStrip, Jumps | None, bool]:
+    """The strip as long as requested, its jumps (None if it is only cropped), and whether it was bent."""
     if not wraps and (length is None or length <= strip.length):
         at = 0 if length is None else (strip.length - length) // 2
-        return strip.part(slice(at, strip.length if length is None else at + length)), None
-    strip, jumps = leveled_jumps(strip, length)
-    return _tile(strip, jumps.lengths), jumps
+        return strip.part(slice(at, strip.length if length is None else at + length)), None, False
+    strip, levels, jumps = leveled_jumps(strip, length)
+    bent = bent_jumps(strip, levels, jumps)
+    strip, jumps = bent or (strip, jumps)
+    return _tile(strip, jumps.lengths), jumps, bent is not None
 
 
 def _tile(strip: PhotoStrip, jumps: tuple[int, ...]) -> PhotoStrip:

@@ -37,23 +37,25 @@ class Jumps:
     cost: float
 
 
-def leveled_jumps(strip: PhotoStrip, length: int | None) -> tuple[PhotoStrip, Jumps]:
-    """The strip, leveled along its best jump, and the jumps around a tile of that length.
+def leveled_jumps(strip: PhotoStrip, length: int | None) -> tuple[PhotoStrip, list[Level], Jumps]:
+    """The strip, leveled along its best jump, its levels, and the jumps around a tile of that length.
 
     `length` px; None: one jump, of the best length.
     """
     levels = levels_of(strip)
     leveled = strip.leveled(*rise_of(strip, levels))
-    return leveled, _cheapest_jumps(leveled, levels if leveled is strip else levels_of(leveled), length)
+    if leveled is not strip:
+        levels = levels_of(leveled)
+    return leveled, levels, cheapest_jumps(leveled, levels, length)
 
 
-def levels_of(strip: PhotoStrip) -> list[_Level]:
+def levels_of(strip: PhotoStrip) -> list[Level]:
     """The strip at sizes a factor of 2 apart, coarse to fine."""
     count = 1 + max(0, math.ceil(math.log2(max(strip.length, strip.width) / COARSEST)))
-    return [_Level.of(strip, number) for number in range(count)]
+    return [Level.of(strip, number) for number in range(count)]
 
 
-def rise_of(strip: PhotoStrip, levels: list[_Level]) -> tuple[int, int]:
+def rise_of(strip: PhotoStrip, levels: list[Level]) -> tuple[int, int]:
     """The rise of the strip's best jump along its columns, and the length of the jump, px."""
     level, *others = levels
     length, rise, _ = level.best(LEAST_ALONE, tilted=True)[0]
@@ -64,7 +66,7 @@ def rise_of(strip: PhotoStrip, levels: list[_Level]) -> tuple[int, int]:
     return round(rise * strip.width / level.invalid.shape[1]), length
 
 
-def _cheapest_jumps(strip: PhotoStrip, levels: list[_Level], length: int | None) -> Jumps:
+def cheapest_jumps(strip: PhotoStrip, levels: list[Level], length: int | None) -> Jumps:
     """The jumps around a tile of that length; None: one jump, of the best length."""
     level, *others = levels
     if length is None:
@@ -84,7 +86,7 @@ def _cheapest_jumps(strip: PhotoStrip, levels: list[_Level], length: int | None)
 
 
 @dataclass(frozen=True)
-class _Level:
+class Level:
     """A strip at a smaller size.
 
     `colors` (length, width, channels) int32: with the differences of lightness along and across; `invalid`
@@ -96,7 +98,8 @@ class _Level:
     closed: bool
 
     @classmethod
-    def of(cls, strip: PhotoStrip, number: int) -> _Level:
+    def of(cls, strip: PhotoStrip, number: int) -> Level:
+        """The level of that number, from the coarsest."""
         scale = min(1.0, COARSEST * 2**number / max(strip.length, strip.width))
         length, width = (max(1, round(n * scale)) for n in (strip.length, strip.width))
         colors, share = strip.reduced(length, min(width, WIDEST))

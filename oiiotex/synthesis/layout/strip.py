@@ -10,6 +10,8 @@ from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
+_TURNS = 4  # of the rounding, across the width of a strip that is bent
+
 
 @dataclass(frozen=True)
 class PhotoStrip:
@@ -72,10 +74,24 @@ class PhotoStrip:
         """
         if rise == 0:
             return self
-        shift = (2 * np.arange(self.length) * rise + length) // (2 * length)
-        columns = shift[:, None] + np.arange(self.width)
+        return self._shifted((2 * np.arange(self.length)[:, None] * rise + length) // (2 * length))
+
+    def bent(self, distances: np.ndarray, length: int) -> PhotoStrip:
+        """The strip with each of its columns moved by its distance, (width,) int px, over `length` rows.
+
+        It is moved by half of it at most, in both directions. For its borders, see `leveled`. Columns are rounded in
+        turn, so that they do not step in the same row.
+        """
+        rows = np.arange(self.length)[:, None] - length // 2
+        turn = np.abs(2 * _TURNS * np.arange(self.width) % (2 * self.width) - self.width)
+        return self._shifted((2 * rows * distances + (2 * length - 1) * turn // self.width) // (2 * length))
+
+    def _shifted(self, shift: np.ndarray) -> PhotoStrip:
+        """The strip with each pixel taken from `shift` columns to the right, (length, width or 1) int."""
+        columns = shift + np.arange(self.width)
         if not self.closed:
-            columns = columns[:, -int(shift.min()) : self.width - int(shift.max())]
+            inside = np.flatnonzero((columns.min(0) >= 0) & (columns.max(0) < self.width))
+            columns = columns[:, inside[0] : inside[-1] + 1]
         source = self.source[np.arange(self.length)[:, None], columns % self.width]
         return PhotoStrip(source, self.closed, self.values, self.usable)
 

@@ -224,7 +224,7 @@ class JudgedPhoto:
         if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
             return None
         longer = max(own.shape[:2])
-        before = self._texture
+        before = self.texture[0]
         if all(wraps):
             energies, of_result = _torus_energies(lab, longer), wrapped_autocorrelation(lab, longer)
         else:
@@ -281,17 +281,18 @@ class JudgedPhoto:
         return _reduced(self.original, None, self._factor)[0]
 
     @cached_property
-    def _texture(self) -> np.ndarray:
-        return high_passed(*self._reduced)
+    def texture(self) -> tuple[np.ndarray, np.ndarray]:
+        """The high-passed photo at the size at which it is measured, and its pixels that count."""
+        return high_passed(*self._reduced), self._reduced[1]
 
     @cached_property
     def _energies(self) -> list[float]:
         seen = self._reduced[1]
-        return [max(_energy(self._texture, seen, max(seen.shape) / k), _INVISIBLE) for k in SCALES]
+        return [max(_energy(self.texture[0], seen, max(seen.shape) / k), _INVISIBLE) for k in SCALES]
 
     @cached_property
     def _autocorrelation(self) -> Autocorrelation:
-        return autocorrelation(self._texture, self._reduced[1])
+        return autocorrelation(*self.texture)
 
     @cached_property
     def _turning(self) -> float:
