@@ -58,7 +58,7 @@ _RECIPE = {
     "roles": {"color": {"words": ["kd"], "space": "srgb_rec709_scene"}},
     "product": [{"name": "tile", "line": "$maps $outputs"}],
     "deliver": {"format": "exr", "color": "lin_rec709_scene", "tx": False, "materialx": False},
-    "judge": {"limits": ["seam>9"]},
+    "judge": {"limits": ["height_steps>9"]},
     "assets": {
         "moss": {"tags": ["green"], "author": "me", "maps": {"color": "moss.png"}},
         "stone": {"maps": {"color": "scans.zip!stone_diff.png"}},
