@@ -222,7 +222,7 @@ def superpixels(far: Far) -> None:
     assert slots[Y, X : X + 3].tolist() == [4] * 3
     first = np.zeros(down + 1, np.int32)
     first[18000:18002] = n, n + 1
-    run("total", (54 * gx + 24, 18000), sums, first, active, totals, across, down)
+    run("total", (gx, 18000), sums, first, active, totals, across, down)
     assert totals[18000, gx, 4, 0] == 3
     if far.lanes == 1:
         run("clear", (gx, n), strips, active, sums, across, down)
@@ -240,7 +240,7 @@ def superpixels(far: Far) -> None:
     assert slots[Y, X : X + 3].tolist() == [4] * 3
     totals[18000, gx, 4, :4] = 3, 3, 6, 9
     tables = zeros, edges, far.zeros(np.float64, down, across, 5), far.zeros(np.uint8, down, across)
-    far.run("slic_seeds", "move", (gx, 18000), totals, *tables, across, down, 0, 0, one, one, 1)
+    far.run("slic_seeds", "move", (gx, 18000), totals, active, *tables, across, down, 0, 0, one, one, 1)
     assert (tables[2][18000, gx, :3].tolist(), tables[3][18000, gx]) == ([1, 2, 3], 1)
     tables = *tables[2:], *tables[:2], candidates, active
     far.run("slic_seeds", "follow", (gx, 18000), *tables, across, down, 0, 0, 9, -8 * one, *[one] * 3, 0)
