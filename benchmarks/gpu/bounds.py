@@ -104,7 +104,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "superpixels_means": lambda a: 24 * a.across * a.down,
     "superpixels_seeds": lambda a: 11 * a.width * a.height,
     "superpixels_refine": lambda a: a.lab + a.slots,  # less where a square has but one seed
-    "slic_seeds_move": lambda a: a.totals + a.centers,
+    "slic_seeds_move": lambda a: a.totals + a.centers if a.start else a.active,  # more where cells are active
     "slic_seeds_follow": lambda a: a.centers + a.candidates,
     "superpixels_powers": lambda a: a.lab + 2 * a.powers,
     "superpixels_blur": lambda a: 32 * a.width * a.height,

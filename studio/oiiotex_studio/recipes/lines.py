@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import shlex
@@ -130,7 +131,7 @@ def _require_measured(recipe: LibraryRecipe, name: str) -> None:
             known = (*LIBRARY_MEASURES, *REPORT_MEASURES)
             problem = f"judge: limits: unknown measure '{measure}'{nearest(measure, known)}"
             raise ParameterError(problem, hint=f"expected one of {', '.join(known)}")
-        if not re.search(r"\$(report\b|\{report\})", line):
+        if "report" not in itertools.chain(*_HOLE.findall(line)):
             problem = f"judge: limits: product {name} does not report '{measure}'"
             raise ParameterError(problem, hint="add :report=$report to the op of its line, or remove the limit")
 

@@ -96,9 +96,11 @@ def end_at_once(number: int, _: object = None) -> None:
     """Signal handler: remove unfinished files, name those kept for resuming, and end the process."""
     if _writing():
         sys.modules[_ATOMIC].discard_all()
-    if say_all_kept := getattr(sys.modules.get(_CHECKPOINT), "say_all_kept", None):
-        say_all_kept()
-    os._exit(128 + number)
+    try:
+        if say_all_kept := getattr(sys.modules.get(_CHECKPOINT), "say_all_kept", None):
+            say_all_kept()
+    finally:
+        os._exit(128 + number)
 
 
 def end_finished(status: int) -> None:
